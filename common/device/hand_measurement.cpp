@@ -26,8 +26,6 @@ constexpr double kSteady = 3e-3, kSteadyPart = 0.2;  // m and 1, largest standar
 constexpr int kMedianPasses = 5;
 constexpr std::array<const char*, kPostureCount> kNames{"flat hand", "fist", "thumb across", "relaxed hand"};
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 // `part` of the values are below it.
 double quantile(std::vector<double> values, double part) {
   const auto place = values.begin() + std::lround(part * static_cast<double>(values.size() - 1));
@@ -89,7 +87,7 @@ double HandMeasurement::flexion(Posture posture, Finger finger) const {
     double sum = 0;
     bool is_good = true;
     for (int joint = index_of(tip_of(finger)) - 3; joint < index_of(tip_of(finger)); ++joint) {
-      const std::size_t j = static_cast<std::size_t>(joint), parent = at(parent_of(static_cast<Joint>(joint)));
+      const std::size_t j = static_cast<std::size_t>(joint), parent = slot_of(parent_of(static_cast<Joint>(joint)));
       is_good = is_good && frame.good[j] && frame.good[parent];
       sum -= rotation_log(frame.joints[parent].orientation.conjugate() * frame.joints[j].orientation).x();
     }
@@ -101,7 +99,7 @@ double HandMeasurement::flexion(Posture posture, Finger finger) const {
 // Median of the distance from the tip of the thumb to the base of the little finger.
 double HandMeasurement::thumb_distance(Posture posture) const {
   std::vector<double> distances;
-  const std::size_t tip = at(Joint::thumb_tip), base = at(Joint::little_proximal);
+  const std::size_t tip = slot_of(Joint::thumb_tip), base = slot_of(Joint::little_proximal);
   for (const Frame& frame : of(posture)) {
     if (frame.good[tip] && frame.good[base])
       distances.push_back((frame.joints[tip].position - frame.joints[base].position).norm());
@@ -139,7 +137,7 @@ void HandMeasurement::check(Posture posture) const {
 
 std::vector<Pose> HandMeasurement::local_poses(Joint joint) const {
   std::vector<Pose> poses;
-  const std::size_t j = at(joint), parent = at(parent_of(joint));
+  const std::size_t j = slot_of(joint), parent = slot_of(parent_of(joint));
   for (const auto& frames : frames_) {
     for (const Frame& frame : frames)
       if (frame.good[j] && frame.good[parent]) poses.push_back(frame.joints[parent].inverse() * frame.joints[j]);
@@ -168,7 +166,7 @@ UserHand HandMeasurement::measure(Side side) const {
     for (double& each : lengths) each = std::abs(each - length);
     const double deviation = 1.4826 * median(lengths);  // of a normal distribution
     if (joint != Joint::palm && deviation > std::max(kSteady, kSteadyPart * length))
-      throw std::runtime_error("the length from " + std::string(kJointNames[at(parent_of(joint))]) + " to " +
+      throw std::runtime_error("the length from " + std::string(kJointNames[slot_of(parent_of(joint))]) + " to " +
                                std::string(kJointNames[j]) + " varied by " + millimetres(deviation) + " around " +
                                millimetres(length) +
                                ". The tracker does not see this bone well: hold the hand nearer to it or in better " +
@@ -182,9 +180,9 @@ UserHand HandMeasurement::measure(Side side) const {
     out.flexion = range(0);
     out.abduction = range(1);
   }
-  UserJoint& palm = user.joints[at(Joint::palm)];
+  UserJoint& palm = user.joints[slot_of(Joint::palm)];
   if (palm.offset == Vec3{})
-    palm.offset = to_wire(Vector3(0.5 * to_vector(user.joints[at(Joint::middle_proximal)].offset)));
+    palm.offset = to_wire(Vector3(0.5 * to_vector(user.joints[slot_of(Joint::middle_proximal)].offset)));
   return user;
 }
 

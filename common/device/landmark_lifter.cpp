@@ -11,15 +11,13 @@ namespace {
 constexpr double kShortestBone = 1e-4;  // m between landmarks; a shorter bone has no direction
 constexpr std::array<std::size_t, 5> kPalm{0, 5, 9, 13, 17};
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 bool has_no_landmark(Joint joint) {
   return joint == Joint::palm || (is_metacarpal(body_of(joint)) && joint != Joint::thumb_metacarpal);
 }
 
 Landmarks landmarks_of(const JointFrames& joints) {
   Landmarks out;
-  for (std::size_t i = 0; i < kLandmarkCount; ++i) out[i] = joints[at(joint_of_landmark(i))].position;
+  for (std::size_t i = 0; i < kLandmarkCount; ++i) out[i] = joints[slot_of(joint_of_landmark(i))].position;
   return out;
 }
 
@@ -63,7 +61,7 @@ LandmarkLifter::LandmarkLifter(const HandModel& hand, Side side)
 std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) const {
   std::array<Vector3, kPalm.size()> rest_palm, palm;
   for (std::size_t i = 0; i < kPalm.size(); ++i) {
-    rest_palm[i] = rest_[at(joint_of_landmark(kPalm[i]))].position;
+    rest_palm[i] = rest_[slot_of(joint_of_landmark(kPalm[i]))].position;
     palm[i] = landmarks[kPalm[i]];
   }
   const auto turn = turn_between(rest_palm, palm);
@@ -71,10 +69,10 @@ std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) cons
 
   JointFrames out;
   // From the rest frame to the frame of the landmarks.
-  const Pose hand{landmarks[0] - *turn * rest_[at(Joint::wrist)].position, *turn};
-  out[at(Joint::wrist)] = hand * rest_[at(Joint::wrist)];
+  const Pose hand{landmarks[0] - *turn * rest_[slot_of(Joint::wrist)].position, *turn};
+  out[slot_of(Joint::wrist)] = hand * rest_[slot_of(Joint::wrist)];
   for (int finger = 0; finger < kFingerCount; ++finger) {
-    const std::size_t tip = at(tip_of(static_cast<Finger>(finger)));
+    const std::size_t tip = slot_of(tip_of(static_cast<Finger>(finger)));
     const std::size_t base = finger == 0 ? tip - 3 : tip - 4;  // metacarpal
     // Metacarpals start at their place in the palm. Each bone turns against its parent by the smallest rotation that
     // points it to the next landmark. This is the motion of a joint that flexes and abducts without twist.
@@ -93,8 +91,8 @@ std::optional<JointFrames> LandmarkLifter::lift(const Landmarks& landmarks) cons
     }
   }
   // The palm moves with the middle metacarpal.
-  const std::size_t metacarpal = at(Joint::middle_metacarpal);
-  out[at(Joint::palm)] = out[metacarpal] * (rest_[metacarpal].inverse() * rest_[at(Joint::palm)]);
+  const std::size_t metacarpal = slot_of(Joint::middle_metacarpal);
+  out[slot_of(Joint::palm)] = out[metacarpal] * (rest_[metacarpal].inverse() * rest_[slot_of(Joint::palm)]);
   return out;
 }
 
@@ -121,7 +119,7 @@ bool LandmarkLifter::lift(const HandBones& bones, Skeleton& out) const {
   }
   if (!lift(points, out)) return false;
   for (int finger = 0; finger < kFingerCount; ++finger)
-    out.joints[at(tip_of(static_cast<Finger>(finger)))].flags = kJointValid | kJointInferred;
+    out.joints[slot_of(tip_of(static_cast<Finger>(finger)))].flags = kJointValid | kJointInferred;
   return true;
 }
 

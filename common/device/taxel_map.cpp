@@ -11,11 +11,9 @@ namespace softhand {
 namespace {
 
 constexpr double kReachOfPitch = 1.5;  // neighbours share the skin between them
-constexpr double kWholeHand = 1;       // m
+constexpr double kHandExtent = 1;      // m
 constexpr double kAxisError = 1e-6;
 
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
 // The palm has the metacarpals.
 int part_of(Body body) { return static_cast<int>(is_metacarpal(body) ? Finger::palm : finger_of(body)); }
 
@@ -24,7 +22,7 @@ bool is_plausible(const SkinRegion& region) {
   constexpr double kMostTraction = 1e8;  // Pa
   constexpr double kFastest = 1e3;       // m/s
   const double normal = to_vector(region.normal).norm();
-  return to_vector(region.place).norm() < kWholeHand && std::abs(region.pressure) < kMostTraction &&
+  return to_vector(region.place).norm() < kHandExtent && std::abs(region.pressure) < kMostTraction &&
          to_vector(region.shear).norm() < kMostTraction && to_vector(region.slip_velocity).norm() < kFastest &&
          region.area >= 0 && region.area < 1 && std::isfinite(region.area_rate) &&
          (region.area > 0 ? std::abs(normal - 1) < 1e-3 : normal < 1.001);
@@ -36,7 +34,7 @@ struct Fingertip {
   double length, radius, taper;
 
   Fingertip(const HandModel& hand, Finger finger) : body(distal_of(finger)) {
-    const std::size_t joint = index(joint_of(body)), tip = index(tip_of(finger));
+    const std::size_t joint = slot_of(joint_of(body)), tip = slot_of(tip_of(finger));
     length = (hand.rest_joints[tip].position - hand.rest_joints[joint].position).norm();
     radius = hand.joint_radii[joint];
     taper = (hand.joint_radii[tip] - radius) / length;
@@ -53,8 +51,8 @@ struct Fingertip {
 double offset(int i, int count, double pitch) { return (i - 0.5 * (count - 1)) * pitch; }
 
 Taxel palm_at(const HandModel& hand, double right, double ahead, double reach) {
-  const std::size_t palm = index(Joint::palm);
-  const Pose from_palm = hand.rest_joints[index(Joint::wrist)].inverse() * hand.rest_joints[palm];
+  const std::size_t palm = slot_of(Joint::palm);
+  const Pose from_palm = hand.rest_joints[slot_of(Joint::wrist)].inverse() * hand.rest_joints[palm];
   return {Body::carpus, from_palm * Vector3(right, -hand.joint_radii[palm], -ahead),
           from_palm.orientation * -Vector3::UnitY(), from_palm.orientation * -Vector3::UnitZ(), reach};
 }
@@ -65,9 +63,9 @@ std::vector<Taxel> digit_taxels(const HandModel& hand, std::size_t count) {
   std::vector<Taxel> taxels;
   for (std::size_t f = 0; f < std::min<std::size_t>(count, kFingerCount); ++f) {
     const Fingertip tip(hand, static_cast<Finger>(f));
-    taxels.push_back(tip.at(0.5 * tip.length, 0, kWholeHand));
+    taxels.push_back(tip.at(0.5 * tip.length, 0, kHandExtent));
   }
-  if (count > kFingerCount) taxels.push_back(palm_at(hand, 0, 0, kWholeHand));
+  if (count > kFingerCount) taxels.push_back(palm_at(hand, 0, 0, kHandExtent));
   return taxels;
 }
 
@@ -102,7 +100,7 @@ std::vector<Taxel> palm_grid(const HandModel& hand, int rows, int columns, doubl
 
 TaxelMap::TaxelMap(const HandModel& hand, const std::vector<Taxel>& taxels)
     : shares_(taxels.size()), sums_(taxels.size()), touches_(taxels.size()) {
-  for (std::size_t b = 0; b < kBodyCount; ++b) rest_[b] = hand.rest_joints[index(joint_of(static_cast<Body>(b)))];
+  for (std::size_t b = 0; b < kBodyCount; ++b) rest_[b] = hand.rest_joints[slot_of(joint_of(static_cast<Body>(b)))];
   for (std::size_t i = 0; i < taxels.size(); ++i) {
     const Taxel& taxel = taxels[i];
     Matrix3 axes;
@@ -110,7 +108,7 @@ TaxelMap::TaxelMap(const HandModel& hand, const std::vector<Taxel>& taxels)
     if (!(taxel.reach > 0) || !taxel.place.allFinite() ||
         !((axes * axes.transpose() - Matrix3::Identity()).norm() < kAxisError))
       throw std::invalid_argument("taxel " + std::to_string(i) + ": expected a reach > 0 and orthonormal axes");
-    const Pose& joint = rest_[index(taxel.body)];
+    const Pose& joint = rest_[slot_of(taxel.body)];
     places_.push_back({part_of(taxel.body), joint * taxel.place,
                        axes * joint.orientation.conjugate().toRotationMatrix(), taxel.reach});
   }

@@ -13,7 +13,6 @@
 namespace softhand {
 namespace {
 
-constexpr double kSecondsPerNanosecond = 1e-9;
 constexpr double kMaximumCoordinate = 1e3;  // m
 constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest hands measure 0.25
 // Half and twice unit length, with room for rounding.
@@ -21,8 +20,6 @@ constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6
 constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
 constexpr double kPast = 1;                  // s; a sample older than this at its arrival comes from another clock
 constexpr double kConfidenceTime = 0.05;     // s, time constant; fast enough for a finger that is hidden for a moment
-
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
 // The joint that an unseen `joint` moves with.
 Joint neighbour_of(Joint joint) { return joint == Joint::wrist ? Joint::middle_metacarpal : parent_of(joint); }
@@ -180,7 +177,7 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
     poses[j] = world_from_device * Pose{to_vector(joint.position), orientation.normalized()};
     good[j] = true;
   }
-  const std::size_t wrist = index(Joint::wrist);
+  const std::size_t wrist = slot_of(Joint::wrist);
   if (good[wrist]) {
     for (std::size_t j = 0; j < kJointCount; ++j) {
       if (!good[j] || (poses[j].position - poses[wrist].position).norm() <= kMaximumHandExtent) continue;
@@ -193,15 +190,15 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
   // its parent, which has the lower index. If the neighbour is missing too, a joint stays where it was.
   std::array<bool, kJointCount> placed = good;
   const auto infer = [&](Joint joint) {
-    const std::size_t j = index(joint);
+    const std::size_t j = slot_of(joint);
     if (placed[j] || !tracks_[j].seen) return;
-    const std::size_t n = index(neighbour_of(joint));
+    const std::size_t n = slot_of(neighbour_of(joint));
     poses[j] = placed[n] && tracks_[j].attached ? poses[n] * tracks_[j].from_neighbour : tracks_[j].pose;
     placed[j] = true;
     ++counters_.inferred;
   };
   infer(Joint::wrist);
-  for (std::size_t j = index(Joint::thumb_metacarpal); j < kJointCount; ++j) {
+  for (std::size_t j = slot_of(Joint::thumb_metacarpal); j < kJointCount; ++j) {
     if (joint_of(body_of(static_cast<Joint>(j))) == static_cast<Joint>(j)) infer(static_cast<Joint>(j));
   }
 
@@ -230,7 +227,7 @@ bool TrackedInput::add_sample(const Skeleton& sample, Nanoseconds now) {
       estimate_velocity(track, pose, elapsed);
     }
     track.pose = pose;
-    const std::size_t n = index(neighbour_of(static_cast<Joint>(j)));
+    const std::size_t n = slot_of(neighbour_of(static_cast<Joint>(j)));
     if (good[j] && good[n]) {
       track.from_neighbour = poses[n].inverse() * poses[j];
       track.attached = true;
@@ -263,7 +260,7 @@ const std::array<BodyTarget, kBodyCount>& TrackedInput::targets(Nanoseconds now)
   targets_time_ = now;
   for (Track& track : tracks_) track.filtered_confidence += gain * (track.confidence - track.filtered_confidence);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const Track& track = tracks_[index(joint_of(static_cast<Body>(b)))];
+    const Track& track = tracks_[slot_of(joint_of(static_cast<Body>(b)))];
     BodyTarget& target = targets_[b];
     target.valid = track.seen;
     if (!track.seen) continue;

@@ -11,12 +11,12 @@
 namespace softhand {
 namespace {
 
-constexpr double kHoldRatio = 1000;        // s, least stiffness over m/dt^2
-constexpr double kLeastStiffness = 100e3;  // N/m
-constexpr double kStickRatio = 100;        // k_f over m/dt^2
-constexpr double kPreSlide = 1e-4;         // m
-constexpr double kPreTurn = 2e-3;          // rad
-constexpr double kAtStart = 1e-12;         // m or rad, a coordinate that moved less is at the step's start
+constexpr double kHoldRatio = 1000;             // s, least stiffness over m/dt^2
+constexpr double kLeastJointStiffness = 100e3;  // N/m
+constexpr double kStickRatio = 100;             // k_f over m/dt^2
+constexpr double kPreSlide = 1e-4;              // m
+constexpr double kPreTurn = 2e-3;               // rad
+constexpr double kAtStart = 1e-12;              // m or rad, a coordinate that moved less is at the step's start
 
 // Gradient and Hessian of one joint, or null pointers. Blocks 0..3: parent translation and rotation, child translation
 // and rotation.
@@ -274,7 +274,7 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     }
     mass = 1 / mass;
     inertia = 1 / inertia;
-    const double ratio = std::max(kHoldRatio, kLeastStiffness * square / mass);
+    const double ratio = std::max(kHoldRatio, kLeastJointStiffness * square / mass);
     const bool slides = law.kind == ObjectJointKind::slider;
     joint.offset_stiffness = ratio * mass / square;
     joint.axis_stiffness = ratio * inertia / square;

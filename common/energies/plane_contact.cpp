@@ -13,12 +13,12 @@
 namespace softhand {
 namespace {
 
-constexpr double kLeastStiffness = 10e3;  // N/m
-constexpr double kExtraLoad = 5;          // N, the extra force of a pressing hand
-constexpr double kAllowedSink = 0.5e-3;   // m, penetration under the weight and that load
-constexpr double kSharingHeight = 1e-3;   // m
-constexpr double kCompliantShare = 0.2;   // of a compliant neighbour's stiffness
-constexpr double kSameNormal = 0.9;       // cosine
+constexpr double kLeastContactStiffness = 10e3;  // N/m
+constexpr double kExtraLoad = 5;                 // N, the extra force of a pressing hand
+constexpr double kAllowedSink = 0.5e-3;          // m, penetration under the weight and that load
+constexpr double kSharingHeight = 1e-3;          // m
+constexpr double kCompliantShare = 0.2;          // of a compliant neighbour's stiffness
+constexpr double kSameNormal = 0.9;              // cosine
 constexpr std::size_t kPoints = ShapeGeometry::most_resting_points;
 
 }  // namespace
@@ -141,7 +141,7 @@ void PlaneContact::set_planes(int slot, std::span<const NeighbourPlane> planes) 
     std::copy_n(points_.begin() + static_cast<std::ptrdiff_t>(old[p].first_point), old[p].points,
                 saved_points_.begin() + static_cast<std::ptrdiff_t>(p * kPoints));
   }
-  const double stiffness = std::max(kLeastStiffness, (s.weight + kExtraLoad) / kAllowedSink);
+  const double stiffness = std::max(kLeastContactStiffness, (s.weight + kExtraLoad) / kAllowedSink);
   s.plane_count = std::min(planes.size(), kMaxNeighbourPlanes);
   for (std::size_t p = 0; p < s.plane_count; ++p) {
     const NeighbourPlane& given = planes[p];

@@ -5,8 +5,6 @@
 namespace softhand {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 class Capsule final : public ConvexShape {
  public:
   Capsule(double radius, double half_length) : radius_(radius), half_length_(half_length) {}
@@ -50,8 +48,8 @@ class Capsule final : public ConvexShape {
   }
   SolidProperties properties() const override {
     const double r2 = radius_ * radius_;
-    const double cylinder = 2.0 * kPi * r2 * half_length_;
-    const double ball = 4.0 / 3.0 * kPi * r2 * radius_;
+    const double cylinder = 2.0 * std::numbers::pi * r2 * half_length_;
+    const double ball = 4.0 / 3.0 * std::numbers::pi * r2 * radius_;
     const double along = 0.5 * cylinder * r2 + 0.4 * ball * r2;
     const double across = cylinder * (0.25 * r2 + half_length_ * half_length_ / 3.0) +
                           ball * (0.4 * r2 + half_length_ * half_length_ + 0.75 * half_length_ * radius_);

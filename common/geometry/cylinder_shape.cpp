@@ -5,7 +5,6 @@
 namespace softhand {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
 // A cylinder lies if the sine of the angle between its axis and the ground is below this (11.5 degrees).
 constexpr double kLying = 0.2;
 
@@ -51,7 +50,7 @@ class Cylinder final : public ConvexShape {
     const double across = std::hypot(up.x(), up.z());
     const double phase = across > 1e-6 ? std::atan2(-up.z(), -up.x()) : 0.0;
     for (std::size_t i = 0; i < 16; ++i) {
-      const double angle = phase + 0.25 * kPi * static_cast<double>(i % 8);
+      const double angle = phase + 0.25 * std::numbers::pi * static_cast<double>(i % 8);
       out[i] = {Vector3(radius_ * std::cos(angle), i < 8 ? half_length_ : -half_length_, radius_ * std::sin(angle)), 0};
     }
     // A lying cylinder rolls on balls with the rims' radius. With corners, it would have to climb over a corner in
@@ -64,7 +63,7 @@ class Cylinder final : public ConvexShape {
   }
   SolidProperties properties() const override {
     const double r2 = radius_ * radius_;
-    const double volume = 2.0 * kPi * r2 * half_length_;
+    const double volume = 2.0 * std::numbers::pi * r2 * half_length_;
     const double across = volume * (0.25 * r2 + half_length_ * half_length_ / 3.0);
     return {volume, Vector3::Zero(), Vector3(across, 0.5 * volume * r2, across).asDiagonal()};
   }

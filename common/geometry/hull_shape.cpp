@@ -13,14 +13,14 @@ namespace {
 constexpr double kNearer = 1 - 1e-14;
 
 // The point of a triangle nearest to p, and its place on the triangle.
-struct TrianglePoint {
+struct FacePoint {
   Vector3 point = Vector3::Zero();
   int edge = -1;    // edge from corner `edge` to the next corner; -1: inside the triangle
   int corner = -1;  // corner of that edge; -1: inside the edge
 };
 
-TrianglePoint closest_on_triangle(const Vector3& p, const std::array<Vector3, 3>& corners, const Vector3& normal) {
-  TrianglePoint best;
+FacePoint closest_on_triangle(const Vector3& p, const std::array<Vector3, 3>& corners, const Vector3& normal) {
+  FacePoint best;
   double least = kInfinity;
   for (int k = 0; k < 3; ++k) {
     const Vector3& from = corners[static_cast<std::size_t>(k)];
@@ -100,7 +100,7 @@ class Hull final : public ConvexShape {
   static constexpr std::size_t kCells = 8;  // per direction on each side of a cube
 
   const Vector3& vertex(int i) const { return hull_.vertices[static_cast<std::size_t>(i)]; }
-  TrianglePoint on_face(const Vector3& p, std::size_t f) const {
+  FacePoint on_face(const Vector3& p, std::size_t f) const {
     const auto& face = hull_.faces[f];
     return closest_on_triangle(p, {vertex(face[0]), vertex(face[1]), vertex(face[2])}, hull_.normals[f]);
   }
@@ -112,11 +112,11 @@ class Hull final : public ConvexShape {
   // Then the projection of p - point onto the solid's cone at `point` leads to nearer points. This projection lies in a
   // face around `point` that p is above. (After Lin and Canny 1991.)
   SurfacePoint walk(const Vector3& p, std::size_t f) const {
-    TrianglePoint here = on_face(p, f);
+    FacePoint here = on_face(p, f);
     double least = (p - here.point).squaredNorm();
     const auto nearer = [&](std::size_t other) {
       if (!(height(p, other) > 0)) return false;
-      const TrianglePoint there = on_face(p, other);
+      const FacePoint there = on_face(p, other);
       const double distance = (p - there.point).squaredNorm();
       if (!(distance < kNearer * least)) return false;
       f = other;

@@ -6,13 +6,10 @@
 #include <map>
 
 #include "geometry/triangle.hpp"
+#include "math/index.hpp"
 
 namespace softhand {
-namespace {
-
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
-}  // namespace
+namespace {}  // namespace
 
 struct MeshDistance::Tree {
   struct Box {

@@ -5,8 +5,6 @@
 namespace softhand {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-
 class Sphere final : public ConvexShape {
  public:
   explicit Sphere(double radius) : radius_(radius) {}
@@ -28,7 +26,7 @@ class Sphere final : public ConvexShape {
     return 1;
   }
   SolidProperties properties() const override {
-    const double volume = 4.0 / 3.0 * kPi * radius_ * radius_ * radius_;
+    const double volume = 4.0 / 3.0 * std::numbers::pi * radius_ * radius_ * radius_;
     return {volume, Vector3::Zero(), 0.4 * volume * radius_ * radius_ * Matrix3::Identity()};
   }
 

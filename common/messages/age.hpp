@@ -16,7 +16,7 @@ inline constexpr Nanoseconds kFutureTolerance = 50'000'000;
 inline std::optional<double> age_of(Nanoseconds time, Nanoseconds now) {
   if (time > now && time - now > kFutureTolerance) return std::nullopt;
   // Anybody can write a stamp. The difference of two integers could overflow.
-  return std::max(0.0, (static_cast<double>(now) - static_cast<double>(time)) * 1e-9);
+  return std::max(0.0, (static_cast<double>(now) - static_cast<double>(time)) * kSecondsPerNanosecond);
 }
 
 /// `age_of` in milliseconds for `LoopStatus::input_age_ms`: -1 if there is no sample (`time` 0) or no age.

@@ -12,8 +12,6 @@
 namespace softhand {
 namespace {
 
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 // Maps the surroundings of a bone from the old rest pose to the new one.
 //   p -> new_origin + turn * S * (p - old_origin)
 // S scales by `length` along the bone and by `thickness` across it. The map uses only the position and direction of
@@ -148,7 +146,7 @@ MeasuredSkeleton measure_skeleton(std::span<const std::array<Pose, kJointCount>>
   user.radii = radii;
   user.orientations.resize(frames.size());
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    const std::size_t parent = index(parent_of(static_cast<Joint>(j)));
+    const std::size_t parent = slot_of(parent_of(static_cast<Joint>(j)));
     Vector3 offset = Vector3::Zero();
     for (std::size_t f = 0; f < frames.size(); ++f) {
       const Pose local = frames[f][parent].inverse() * frames[f][j];
@@ -166,7 +164,7 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   // on the axes that are held.
   for (std::size_t j = 2; j < kJointCount; ++j) {
     const Joint joint = static_cast<Joint>(j);
-    const std::size_t frame = index(parent_of(joint));
+    const std::size_t frame = slot_of(parent_of(joint));
     Pose& pose = out.rest_joints[j];
     pose.position = out.rest_joints[frame] * user.offsets[j];
     Quaternion rest = hand.rest_joints[frame].orientation.conjugate() * hand.rest_joints[j].orientation;
@@ -174,24 +172,24 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     if (joint_of(body) == joint) fit_joint(user, j, rest, out.bodies[static_cast<std::size_t>(index_of(body))].joint);
     pose.orientation = out.rest_joints[frame].orientation * rest;
   }
-  const std::size_t palm = index(Joint::palm);
-  const Pose& palm_frame = out.rest_joints[index(Joint::middle_metacarpal)];
+  const std::size_t palm = slot_of(Joint::palm);
+  const Pose& palm_frame = out.rest_joints[slot_of(Joint::middle_metacarpal)];
   out.rest_joints[palm].position = palm_frame * user.offsets[palm];
   out.rest_joints[palm].orientation =
-      palm_frame.orientation *
-      (hand.rest_joints[index(Joint::middle_metacarpal)].orientation.conjugate() * hand.rest_joints[palm].orientation);
+      palm_frame.orientation * (hand.rest_joints[slot_of(Joint::middle_metacarpal)].orientation.conjugate() *
+                                hand.rest_joints[palm].orientation);
 
   const auto knuckles = [](const HandModel& model) {
-    return (model.rest_joints[index(Joint::index_proximal)].position -
-            model.rest_joints[index(Joint::little_proximal)].position)
+    return (model.rest_joints[slot_of(Joint::index_proximal)].position -
+            model.rest_joints[slot_of(Joint::little_proximal)].position)
         .norm();
   };
   const double breadth = std::clamp(knuckles(out) / knuckles(hand), kThinnest, kThickest);
   std::array<BoneMap, kBodyCount> maps;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    const std::size_t joint = index(joint_of(body));
-    const std::size_t end = index(end_joint_of(body));
+    const std::size_t joint = slot_of(joint_of(body));
+    const std::size_t end = slot_of(end_joint_of(body));
     BoneMap& map = maps[b];
     map.old_origin = hand.rest_joints[joint].position;
     map.new_origin = out.rest_joints[joint].position;
@@ -226,7 +224,7 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
     Vector3 moved = Vector3::Zero();
     double total = 0;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
-      const Pose& joint = hand.rest_joints[index(joint_of(static_cast<Body>(b)))];
+      const Pose& joint = hand.rest_joints[slot_of(joint_of(static_cast<Body>(b)))];
       const double distance =
           distance_to_segment(hand.nodes[n], joint * hand.bodies[b].bone_start, joint * hand.bodies[b].bone_end);
       const double weight = std::pow(distance + 1e-3, -6.0);
@@ -244,7 +242,7 @@ HandModel fitted(const HandModel& hand, const MeasuredSkeleton& user) {
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     BodyModel& body = out.bodies[b];
     const BoneMap& map = maps[b];
-    const std::size_t joint = index(joint_of(static_cast<Body>(b)));
+    const std::size_t joint = slot_of(joint_of(static_cast<Body>(b)));
     const Pose& from = hand.rest_joints[joint];
     const Pose back = out.rest_joints[joint].inverse();
     const auto moved = [&](const Vector3& local) { return back * map(from * local); };

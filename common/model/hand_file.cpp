@@ -15,8 +15,8 @@
 namespace softhand {
 namespace {
 
-constexpr int kVersion = 2;
-constexpr const char* kFormat = "softhand-hand";
+constexpr int kHandVersion = 2;
+constexpr const char* kHandFormat = "softhand-hand";
 
 const std::map<JointKind, std::string> kKindNames{
     {JointKind::free, "free"}, {JointKind::ball, "ball"}, {JointKind::saddle, "saddle"}, {JointKind::hinge, "hinge"}};
@@ -93,8 +93,8 @@ BodyModel read_body(const FieldReader& reader) {
 
 void save_hand(const HandModel& hand, const std::string& path) {
   Json json;
-  json["format"] = kFormat;
-  json["version"] = kVersion;
+  json["format"] = kHandFormat;
+  json["version"] = kHandVersion;
   json["units"] = kUnits;
   json["name"] = hand.name;
   json["side"] = hand.side == Side::left ? "left" : "right";
@@ -219,10 +219,10 @@ HandModel parse_hand(const std::string& text, const std::string& path) {
     throw std::runtime_error(path + ": not a hand file: " + error.what());
   }
   const FieldReader root(json, path, "");
-  if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
-  if (root["version"].index() != kVersion) {
+  if (root["format"].string() != kHandFormat) root["format"].fail(std::string("'") + kHandFormat + "'");
+  if (root["version"].index() != kHandVersion) {
     root["version"].fail(
-        std::to_string(kVersion) +
+        std::to_string(kHandVersion) +
         "; `softhand-build-hand --mesh` adds the contact points that version 1 has not (docs/hand-builder.md)");
   }
   if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");

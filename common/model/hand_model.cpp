@@ -12,11 +12,11 @@ namespace {
 
 constexpr double kMaximumFingerCap = 20.0;  // N, largest pull on a finger
 constexpr double kMaximumHandCap = 100.0;   // N, largest pull on a hand
-constexpr double kMaximumExtent = 1.0;      // m, so that hand files in millimetres or centimetres are refused
+constexpr double kMaximumHandExtent = 1.0;  // m, so that hand files in millimetres or centimetres are refused
 
-class Checker {
+class HandChecker {
  public:
-  explicit Checker(std::string where) : where_(std::move(where)) {}
+  explicit HandChecker(std::string where) : where_(std::move(where)) {}
   void operator()(bool good, const std::string& field, const std::string& expected) const {
     if (!good) throw std::invalid_argument(where_ + ": " + field + ": expected " + expected);
   }
@@ -33,11 +33,11 @@ class Checker {
 
 std::string at(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
 
-void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
+void validate_body(const HandModel& hand, std::size_t b, const HandChecker& check) {
   const BodyModel& body = hand.bodies[b];
   const std::string field = "bodies[" + std::string(kBodyNames[b]) + "].";
   check.number(body.mass, 1e-5, 10.0, field + "mass");
-  check(body.joint_from_body.position.allFinite() && body.joint_from_body.position.norm() < kMaximumExtent,
+  check(body.joint_from_body.position.allFinite() && body.joint_from_body.position.norm() < kMaximumHandExtent,
         field + "centre_of_mass", "a point within 1 m of the joint");
   check(body.inertia.allFinite() && body.inertia.llt().info() == Eigen::Success &&
             body.inertia.isApprox(body.inertia.transpose()),
@@ -64,7 +64,7 @@ void validate_body(const HandModel& hand, std::size_t b, const Checker& check) {
   check(body.coupling_torque_cap > 0, field + "coupling.torque_cap", "a number > 0");
 }
 
-void validate_caps(const HandModel& hand, const Checker& check) {
+void validate_caps(const HandModel& hand, const HandChecker& check) {
   std::array<double, 6> finger_cap{};
   double hand_cap = 0;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
@@ -80,7 +80,7 @@ void validate_caps(const HandModel& hand, const Checker& check) {
         "a sum of at most 100 N over all bodies, got " + std::to_string(hand_cap));
 }
 
-void validate_mesh(const HandModel& hand, const Checker& check) {
+void validate_mesh(const HandModel& hand, const HandChecker& check) {
   check(hand.node_body.size() == hand.nodes.size(), "node_body", "one body for each node");
   for (std::size_t n = 0; n < hand.node_body.size(); ++n)
     check(hand.node_body[n] < kBodyCount, at("node_body", n), "a body below 21");
@@ -90,7 +90,7 @@ void validate_mesh(const HandModel& hand, const Checker& check) {
   }
 }
 
-void validate_embedding(const HandModel& hand, const Checker& check) {
+void validate_embedding(const HandModel& hand, const HandChecker& check) {
   const auto tetrahedron_count = static_cast<std::int32_t>(hand.tetrahedra.size());
   for (std::size_t a = 0; a < hand.attachments.size(); ++a) {
     const Attachment& attachment = hand.attachments[a];
@@ -148,10 +148,10 @@ Vector3 mirrored(const Vector3& v) { return {-v.x(), v.y(), v.z()}; }
 }  // namespace
 
 void validate(const HandModel& hand, const std::string& where) {
-  const Checker check(where);
+  const HandChecker check(where);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const std::string field = "joints[" + std::string(kJointNames[j]) + "]";
-    check(hand.rest_joints[j].position.allFinite() && hand.rest_joints[j].position.norm() < kMaximumExtent,
+    check(hand.rest_joints[j].position.allFinite() && hand.rest_joints[j].position.norm() < kMaximumHandExtent,
           field + ".position", "finite metres within 1 m of the wrist");
     check(std::abs(hand.rest_joints[j].orientation.norm() - 1.0) < 1e-6, field + ".orientation", "a unit quaternion");
     check.number(hand.joint_radii[j], 0, 0.1, field + ".radius");

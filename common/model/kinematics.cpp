@@ -7,7 +7,6 @@
 
 namespace softhand {
 namespace {
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
 // Flexion of the open hand's joints from the straight finger, in radians: proximal, intermediate, distal. For the
 // thumb: proximal, distal.
@@ -19,8 +18,9 @@ constexpr std::array<std::array<double, 3>, kFingerCount> kOpenFlexion{{{0, -0.1
 
 // Flexion of a bone against its parent at rest, radians (negative = flexed).
 double rest_flexion(const HandModel& hand, Body body) {
-  const Quaternion parent = hand.rest_joints[index(joint_of(parent_of(body)))].orientation;
-  const Vector3 along = parent.conjugate() * (hand.rest_joints[index(joint_of(body))].orientation * Vector3(0, 0, -1));
+  const Quaternion parent = hand.rest_joints[slot_of(joint_of(parent_of(body)))].orientation;
+  const Vector3 along =
+      parent.conjugate() * (hand.rest_joints[slot_of(joint_of(body))].orientation * Vector3(0, 0, -1));
   return std::atan2(along.y(), std::hypot(along.x(), along.z()));
 }
 
@@ -46,14 +46,14 @@ JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const J
   JointFrames out;
   const JointFrames& rest = hand.rest_joints;
   const auto ride = [&](Joint joint, Joint on) {
-    out[index(joint)] = out[index(on)] * (rest[index(on)].inverse() * rest[index(joint)]);
+    out[slot_of(joint)] = out[slot_of(on)] * (rest[slot_of(on)].inverse() * rest[slot_of(joint)]);
   };
-  out[index(Joint::wrist)] = wrist;
+  out[slot_of(Joint::wrist)] = wrist;
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     const Joint joint = joint_of(body);
     ride(joint, joint_of(parent_of(body)));
-    Quaternion& orientation = out[index(joint)].orientation;
+    Quaternion& orientation = out[slot_of(joint)].orientation;
     orientation = (orientation * rotation_exp(angles[b])).normalized();
   }
   for (int f = 0; f < kFingerCount; ++f)
@@ -65,9 +65,9 @@ JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const J
 Vector3 pad_in_distal(const HandModel& hand, Finger finger) {
   const Body distal = distal_of(finger);
   const Joint joint = joint_of(distal), tip = tip_of(finger);
-  const Pose to_joint = hand.rest_joints[index(joint)].inverse();
-  const double length = (to_joint * hand.rest_joints[index(tip)].position).norm();
-  const double radius = 0.5 * (hand.joint_radii[index(joint)] + hand.joint_radii[index(tip)]);
+  const Pose to_joint = hand.rest_joints[slot_of(joint)].inverse();
+  const double length = (to_joint * hand.rest_joints[slot_of(tip)].position).norm();
+  const double radius = 0.5 * (hand.joint_radii[slot_of(joint)] + hand.joint_radii[slot_of(tip)]);
   Vector3 pad(0, -radius, -0.6 * length);
   double lowest = 0;
   for (std::size_t n = 0; n < hand.node_body.size(); ++n) {

@@ -13,8 +13,8 @@
 namespace softhand {
 namespace {
 
-constexpr int kVersion = 1;
-constexpr const char* kFormat = "softhand-object";
+constexpr int kObjectVersion = 1;
+constexpr const char* kObjectFormat = "softhand-object";
 constexpr double kLargest = 10;  // m, of a coordinate
 
 double micrometres(double value) { return short_decimal(to_grid(value, 1e-6), "%.6f"); }
@@ -163,7 +163,7 @@ LinkJoint read_joint(const FieldReader& reader, const ObjectModel& object) {
 }
 
 // Writes a message with the field if `holds` is false.
-struct Checker {
+struct ObjectChecker {
   const std::string& file;
   void operator()(bool holds, const std::string& field, const std::string& expected) const {
     if (!holds) throw std::runtime_error(file + ": " + field + ": expected " + expected);
@@ -176,12 +176,12 @@ bool is_name(const std::string& name) {
              std::string::npos;
 }
 
-void check_points(const Checker& check, const std::vector<Vector3>& points, const std::string& field) {
+void check_points(const ObjectChecker& check, const std::vector<Vector3>& points, const std::string& field) {
   for (const Vector3& p : points)
     check(p.allFinite() && p.cwiseAbs().maxCoeff() <= kLargest, field, "coordinates from -10 to 10 m");
 }
 
-void check_mesh(const Checker& check, const TriangleMesh& mesh, const std::string& where) {
+void check_mesh(const ObjectChecker& check, const TriangleMesh& mesh, const std::string& where) {
   check_points(check, mesh.vertices, where + ".vertices");
   check(mesh.triangles.size() >= 4 && mesh.triangles.size() <= kMaxLinkTriangles, where + ".triangles",
         "4 to " + std::to_string(kMaxLinkTriangles) + " triangles");
@@ -207,7 +207,7 @@ void check_mesh(const Checker& check, const TriangleMesh& mesh, const std::strin
   check(volume > 0, where + ".triangles", "outward orientation, but the volume is not above 0");
 }
 
-void check_link(const Checker& check, const ObjectLink& link, const std::string& where) {
+void check_link(const ObjectChecker& check, const ObjectLink& link, const std::string& where) {
   check(is_name(link.name), where + ".name", "1 to 63 letters, digits, _ or -");
   check(link.grid_spacing >= 1e-4 && link.grid_spacing <= 0.1, where + ".grid_spacing", "0.0001 to 0.1 m");
   check_mesh(check, link.mesh, where);
@@ -239,7 +239,7 @@ void check_link(const Checker& check, const ObjectLink& link, const std::string&
 }
 
 // The tetrahedra have the limits of the tetrahedra of a hand.
-void check_soft(const Checker& check, const SoftBody& body, const std::string& file) {
+void check_soft(const ObjectChecker& check, const SoftBody& body, const std::string& file) {
   check(body.nodes.size() <= kMaxSoftNodes, "soft.nodes", "4 to " + std::to_string(kMaxSoftNodes) + " nodes");
   check(body.friction >= 0 && body.friction <= 10, "soft.friction", "0 to 10");
   TissueModel model;
@@ -293,7 +293,7 @@ Vector3 rounded_position(const Vector3& position) {
 }
 
 void validate(const ObjectModel& object, const std::string& file) {
-  const Checker check{file};
+  const ObjectChecker check{file};
   check(is_name(object.name), "name", "1 to 63 letters, digits, _ or -");
   if (object.soft) {
     check(object.links.empty() && object.joints.empty(), "soft", "no links and no joints beside it");
@@ -340,8 +340,8 @@ ObjectModel parse_object(std::string_view text, const std::string& file) {
     throw std::runtime_error(file + ": not an object file: " + error.what());
   }
   const FieldReader root(json, file, "");
-  if (root["format"].string() != kFormat) root["format"].fail(std::string("'") + kFormat + "'");
-  if (root["version"].index() != kVersion) root["version"].fail(std::to_string(kVersion));
+  if (root["format"].string() != kObjectFormat) root["format"].fail(std::string("'") + kObjectFormat + "'");
+  if (root["version"].index() != kObjectVersion) root["version"].fail(std::to_string(kObjectVersion));
   if (root["units"].string() != kUnits) root["units"].fail(std::string("'") + kUnits + "'");
   ObjectModel object;
   object.name = root["name"].string();
@@ -372,7 +372,7 @@ void save_object(const ObjectModel& object, const std::string& path) {
       separator = ",\n ";
     }
   };
-  out << "{\n\"format\": \"" << kFormat << "\",\n\"version\": " << kVersion << ",\n\"units\": \"" << kUnits
+  out << "{\n\"format\": \"" << kObjectFormat << "\",\n\"version\": " << kObjectVersion << ",\n\"units\": \"" << kUnits
       << "\",\n\"name\": " << Json(object.name).dump() << ",\n\"notice\": " << Json(object.notice).dump() << ",\n";
   if (object.soft) {
     out << "\"soft\": ";

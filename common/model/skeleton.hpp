@@ -122,6 +122,9 @@ inline constexpr std::array<std::string_view, 6> kFingerNames{"thumb", "index", 
 
 constexpr int index_of(Joint joint) { return static_cast<int>(joint); }
 constexpr int index_of(Body body) { return static_cast<int>(body); }
+/// Its index in an array of the standard library that has one element per joint or body.
+constexpr std::size_t slot_of(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
+constexpr std::size_t slot_of(Body body) { return static_cast<std::size_t>(index_of(body)); }
 
 /// The joint whose frame moves with the body: its own proximal joint; the wrist for carpus and forearm.
 constexpr Joint joint_of(Body body) {

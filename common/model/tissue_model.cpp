@@ -14,9 +14,9 @@ namespace {
 // Beyond these limits a tetrahedron's Hessian is so ill-conditioned that the result of a step would be noise.
 constexpr double kMinimumDihedralDegrees = 1.0;
 constexpr double kMaximumEdgeRatio = 50.0;
-constexpr double kMaximumExtent = 1.0;  // m, so that files in millimetres or centimetres are refused
+constexpr double kMaximumTissueExtent = 1.0;  // m, so that files in millimetres or centimetres are refused
 
-std::string at(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
+std::string entry(const char* field, std::size_t i) { return std::string(field) + "[" + std::to_string(i) + "]"; }
 
 double minimum_dihedral_degrees(const std::array<Vector3, 4>& x) {
   // Outward normals of the four faces. The dihedral angle at the edge between two faces is pi minus the angle between
@@ -51,16 +51,16 @@ void validate_tetrahedra(const TissueModel& model, const std::string& where) {
   check(!model.materials.empty(), "materials", "at least one material");
   for (std::size_t m = 0; m < model.materials.size(); ++m) {
     const Material& material = model.materials[m];
-    number(material.density, 1, 1e5, at("materials", m) + ".density");
-    number(material.youngs_modulus, 1, 1e12, at("materials", m) + ".youngs_modulus");
-    number(material.poisson_ratio, 0, 0.49999, at("materials", m) + ".poisson_ratio");
+    number(material.density, 1, 1e5, entry("materials", m) + ".density");
+    number(material.youngs_modulus, 1, 1e12, entry("materials", m) + ".youngs_modulus");
+    number(material.poisson_ratio, 0, 0.49999, entry("materials", m) + ".poisson_ratio");
     check(material.strain_limit_energy > 0 && std::isfinite(material.strain_limit_energy),
-          at("materials", m) + ".strain_limit_energy", "a finite number > 0");
+          entry("materials", m) + ".strain_limit_energy", "a finite number > 0");
     check(material.strain_limit_stiffness >= 0 && std::isfinite(material.strain_limit_stiffness),
-          at("materials", m) + ".strain_limit_stiffness", "a finite number >= 0");
+          entry("materials", m) + ".strain_limit_stiffness", "a finite number >= 0");
   }
   for (std::size_t n = 0; n < model.nodes.size(); ++n) {
-    check(model.nodes[n].allFinite() && model.nodes[n].norm() < kMaximumExtent, at("nodes", n),
+    check(model.nodes[n].allFinite() && model.nodes[n].norm() < kMaximumTissueExtent, entry("nodes", n),
           "finite metres within 1 m of the origin");
   }
   check(!model.tetrahedra.empty(), "tetrahedra", "at least one");
@@ -68,17 +68,17 @@ void validate_tetrahedra(const TissueModel& model, const std::string& where) {
         "one material for each tetrahedron");
   std::vector<bool> used(model.nodes.size(), false);
   for (std::size_t t = 0; t < model.tetrahedra.size(); ++t) {
-    check(model.tetrahedron_material[t] < model.materials.size(), at("tetrahedron_material", t),
+    check(model.tetrahedron_material[t] < model.materials.size(), entry("tetrahedron_material", t),
           "an index into materials");
     std::array<Vector3, 4> x;
     for (std::size_t k = 0; k < 4; ++k) {
       const std::int32_t node = model.tetrahedra[t][k];
-      check(node >= 0 && node < model.node_count(), at("tetrahedra", t), "indices of nodes");
+      check(node >= 0 && node < model.node_count(), entry("tetrahedra", t), "indices of nodes");
       used[static_cast<std::size_t>(node)] = true;
       x[k] = model.nodes[static_cast<std::size_t>(node)];
     }
     const double volume = tetrahedron_volume(x[0], x[1], x[2], x[3]);
-    check(volume > 0, at("tetrahedra", t),
+    check(volume > 0, entry("tetrahedra", t),
           "positive volume (node order), got " + std::to_string(volume * 1e9) + " mm^3");
     double shortest = std::numeric_limits<double>::infinity();
     double longest = 0;
@@ -89,12 +89,13 @@ void validate_tetrahedra(const TissueModel& model, const std::string& where) {
         longest = std::max(longest, length);
       }
     }
-    check(longest <= kMaximumEdgeRatio * shortest, at("tetrahedra", t), "edges that differ by at most a factor of 50");
+    check(longest <= kMaximumEdgeRatio * shortest, entry("tetrahedra", t),
+          "edges that differ by at most a factor of 50");
     const double dihedral = minimum_dihedral_degrees(x);
-    check(dihedral >= kMinimumDihedralDegrees, at("tetrahedra", t),
+    check(dihedral >= kMinimumDihedralDegrees, entry("tetrahedra", t),
           "dihedral angles of at least 1 degree, got " + std::to_string(dihedral));
   }
-  for (std::size_t n = 0; n < used.size(); ++n) check(used[n], at("nodes", n), "a node that some tetrahedron uses");
+  for (std::size_t n = 0; n < used.size(); ++n) check(used[n], entry("nodes", n), "a node that some tetrahedron uses");
 }
 
 std::vector<double> lumped_masses(const TissueModel& model) {

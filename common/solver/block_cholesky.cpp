@@ -15,6 +15,8 @@
 #include <tuple>
 #include <utility>
 
+#include "math/index.hpp"
+
 namespace softhand {
 namespace {
 
@@ -23,8 +25,6 @@ constexpr std::size_t kHugePage = std::size_t{1} << 21;
 constexpr std::uint8_t kAncestors = 2;  // the group of the fronts that depend on both other groups
 
 using Index = std::int32_t;
-
-std::size_t at(Index i) { return static_cast<std::size_t>(i); }
 
 Index tiles_of(Index scalars) { return (scalars + kCholeskyTile - 1) / kCholeskyTile; }
 
@@ -346,11 +346,12 @@ void BlockCholesky<Scalar>::analyze(const BlockMatrix& matrix) {
     }
     // The updates of its children are no longer needed: pop them. The updates of the two groups' subtrees stay at the
     // bottom of their groups' stacks.
-    const auto is_stacked = [&](Index child) {
-      return visits[at(child)].group == group && stores_update_[at(child)] == 0;
-    };
-    const auto first = std::find_if(child_.begin() + front.child_begin, child_.begin() + front.child_end, is_stacked);
-    if (first != child_.begin() + front.child_end) top[group][1 - parity] = fronts_[at(*first)].update;
+    for (Index k = front.child_begin; k < front.child_end; ++k) {
+      const std::size_t child = at(child_[at(k)]);
+      if (visits[child].group != group || stores_update_[child] != 0) continue;
+      top[group][1 - parity] = fronts_[child].update;
+      break;
+    }
     for (Index p = 0; p < front.pivots; ++p) {
       const double length = front.pivots + front.rows - p;
       front_operations_[f] += length * (length + 1);

@@ -5,12 +5,12 @@
 #include <cmath>
 #include <utility>
 
+#include "math/index.hpp"
+
 namespace softhand {
 namespace {
 
 using Index = std::int32_t;
-
-std::size_t at(Index i) { return static_cast<std::size_t>(i); }
 
 // A group of columns of W has two blocks, which are usually one body: its fronts are those above the nodes that touch
 // it.

@@ -7,7 +7,7 @@
 namespace softhand {
 namespace {
 
-constexpr std::size_t kGroupBlocks = kColumns / 3;  // blocks in one pass over the factor
+constexpr std::size_t kPassBlocks = kColumns / 3;  // blocks in one pass over the factor
 constexpr std::int32_t kTile = kCholeskyTile;
 // Time of the product of two tiles, in operations of a factorisation in float; and that of its sums, in tiles.
 constexpr double kTileOperations = 120;
@@ -15,7 +15,7 @@ constexpr double kSumTiles = 8;
 
 using TileMatrix = Eigen::Matrix<double, kTile, 3>;
 
-std::int32_t tiles_of(std::int32_t rows) { return (rows + kTile - 1) / kTile; }
+std::int32_t tile_rows_of(std::int32_t rows) { return (rows + kTile - 1) / kTile; }
 // The tile with the first column of a block, and the number of tiles with columns of earlier blocks.
 Eigen::Index first_tile(std::size_t place) { return static_cast<Eigen::Index>(3 * place / kTile); }
 Eigen::Index tiles_before(std::size_t place) { return static_cast<Eigen::Index>((3 * place + kTile - 1) / kTile); }
@@ -37,7 +37,7 @@ Compliance::Compliance(int core_count, int most_blocks, InstructionSet set)
     : most_blocks_(std::min(most_blocks, core_count)),
       kernel_(cholesky_kernel<double>(set)),
       rows_(3 * core_count),
-      tiles_per_row_(static_cast<std::size_t>(tiles_of(3 * most_blocks_))),
+      tiles_per_row_(static_cast<std::size_t>(tile_rows_of(3 * most_blocks_))),
       is_known_(static_cast<std::size_t>(core_count), 0),
       factor_(static_cast<std::size_t>(most_blocks_) * tiles_per_row_),
       inverse_diagonal_(static_cast<std::size_t>(most_blocks_)),
@@ -48,9 +48,9 @@ Compliance::Compliance(int core_count, int most_blocks, InstructionSet set)
   // A path to the root holds an eighth of all rows in the shipped hands.
   ranges_.reserve(static_cast<std::size_t>(core_count) * static_cast<std::size_t>(most_blocks_) / 8);
   tiles_.reserve(static_cast<std::size_t>(core_count) * static_cast<std::size_t>(most_blocks_) / 10);
-  half_columns_.values.setZero(tiles_of(3 * core_count) * kTile, kColumns);
+  half_columns_.values.setZero(tile_rows_of(3 * core_count) * kTile, kColumns);
   half_columns_.ranges.reserve(static_cast<std::size_t>(core_count));
-  selection_.reserve(kGroupBlocks);
+  selection_.reserve(kPassBlocks);
 }
 
 void Compliance::clear() {
@@ -68,8 +68,8 @@ bool Compliance::include(std::span<const std::int32_t> blocks, LinearSolver& fac
     return false;
   }
   const double entries_per_row = factor.factor_entries() / static_cast<double>(rows_);
-  for (std::size_t first = 0; first < blocks.size(); first += kGroupBlocks) {
-    const std::size_t count = std::min(kGroupBlocks, blocks.size() - first);
+  for (std::size_t first = 0; first < blocks.size(); first += kPassBlocks) {
+    const std::size_t count = std::min(kPassBlocks, blocks.size() - first);
     selection_.clear();
     for (std::size_t k = 0; k < count; ++k) {
       ColumnsRow& row = selection_.emplace_back();
@@ -105,7 +105,7 @@ void Compliance::append_columns(Eigen::Index first_column) {
   std::int32_t stored = 0;
   for (const auto& [first_row, last_row] : half_columns_.ranges) {
     std::int32_t begin = std::max(stored, first_row / kTile);
-    const std::int32_t end = tiles_of(last_row);
+    const std::int32_t end = tile_rows_of(last_row);
     // The rows before the block's own front belong to another block of the group.
     while (begin < end && part(begin).isZero(0)) ++begin;
     stored = end;

@@ -9,9 +9,9 @@
 namespace softhand {
 namespace {
 
-constexpr int kMaxIterations = 8;
-constexpr int kMaxHalvings = 5;
-constexpr double kArmijo = 1e-4;
+constexpr int kMaxLocalIterations = 8;
+constexpr int kMaxLocalHalvings = 5;
+constexpr double kLocalArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
 // Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
@@ -30,7 +30,7 @@ constexpr double kPairOperations = 15'000;
 // The search along a condensed step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of
 // the trials cost no more than their energies.
 constexpr int kMaxTrials = 8;
-constexpr double kLevel = 0.5, kShort = 0.05;
+constexpr double kLocalLevel = 0.5, kLocalShort = 0.05;
 
 constexpr int kMaxRows =
     3 * std::max(LocalNewton::kMaxBlocks, LocalNewton::kMaxCondensedBlocks) + LocalNewton::kMaxModes;
@@ -322,7 +322,7 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   smooth_gradient.head(local) -= local_gradient.head(local);
   gather_modes(hessian, gradient);
   total.setZero();
-  for (int iteration = 0; iteration < kMaxIterations && result.operations <= most_operations; ++iteration) {
+  for (int iteration = 0; iteration < kMaxLocalIterations && result.operations <= most_operations; ++iteration) {
     renew_kinked(trial_);
     gather(hessian, factor_);
     factor_.topLeftCorner(size, size).bottomRows(mode_count_) = smooth.bottomRows(mode_count_);
@@ -337,13 +337,13 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     const double slope = local_gradient.dot(step);
     bool falls = false;
     double scale = 1;
-    for (int halving = 0; halving <= kMaxHalvings && !falls; ++halving, scale *= 0.5) {
+    for (int halving = 0; halving <= kMaxLocalHalvings && !falls; ++halving, scale *= 0.5) {
       trial_total = total + scale * step;
       move_to(state, trial_total);
       local_gradient.noalias() = smooth * trial_total;
       const double trial_energy =
           kinked_energy(kinked, trial_) + smooth_gradient.dot(trial_total) + 0.5 * trial_total.dot(local_gradient);
-      falls = trial_energy <= energy + kArmijo * scale * slope;
+      falls = trial_energy <= energy + kLocalArmijo * scale * slope;
       if (falls) energy = trial_energy;
     }
     if (!falls) break;
@@ -529,13 +529,14 @@ bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, do
     trial_energy = kinked_energy(kinked, trial_) + smooth_energy(trial_total, gradient);
     add_kinked_gradient(gradient);
     there = gradient.dot(step);
-    return trial_energy <= energy + kArmijo * scale * slope;
+    return trial_energy <= energy + kLocalArmijo * scale * slope;
   };
   SlopeBracket bracket(slope);
   double scale = 1, last = 1;
   for (int trial = 0; trial < kMaxTrials; ++trial) {
     const bool falls = evaluate(last = scale);
-    const bool accepts = falls && there <= -kLevel * slope && (there >= kShort * slope || bracket.high() == 0);
+    const bool accepts =
+        falls && there <= -kLocalLevel * slope && (there >= kLocalShort * slope || bracket.high() == 0);
     if (accepts) break;
     bracket.narrow(scale, there, falls);
     scale = trial + 2 == kMaxTrials && bracket.low() > 0 ? bracket.low() : bracket.next();
@@ -583,7 +584,7 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
   };
   Condensed result = touch();
   double first_residual = 0;
-  for (int iteration = 0; result == Condensed::found && iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; result == Condensed::found && iteration < kMaxLocalIterations; ++iteration) {
     auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
     gather_condensed(hessian);
     local_gradient = smooth_slope_.head(size_);

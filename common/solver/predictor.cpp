@@ -7,10 +7,10 @@
 namespace softhand {
 namespace {
 
-constexpr int kMaxIterations = 6;
+constexpr int kMaxPredictions = 6;
 // Ratio of two increments. Above it, a new factor costs less than the iterations that it saves.
 constexpr double kSlowContraction = 0.15;
-constexpr double kStalled = 0.5;  // ratio of two increments, or of two residuals
+constexpr double kStalledPrediction = 0.5;  // ratio of two increments, or of two residuals
 // Largest movement of a node or bone over the tolerance of the RMS. One node of 1,450 could otherwise move 38
 // tolerances.
 constexpr double kLargest = 7;
@@ -79,7 +79,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
   }
   double before = 0;
   const double iteration_work = prices.solve + prices.evaluation;
-  for (int iteration = 0; iteration < kMaxIterations; ++iteration) {
+  for (int iteration = 0; iteration < kMaxPredictions; ++iteration) {
     if (work_budget_ > 0 && report.work + iteration_work + (renews ? prices.whole_factor : 0.0) > work_budget_)
       return give_up();
     if (renews) {
@@ -100,7 +100,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     ++report.iterations;
     report.increment = direction_.lpNorm<Eigen::Infinity>();
     const double moved = linkage.root_mean_square(direction_);
-    const bool stalled = iteration > 0 && renews && moved > kStalled * before;
+    const bool stalled = iteration > 0 && renews && moved > kStalledPrediction * before;
     carried_.contracts_slowly =
         iteration > 0 ? moved > kSlowContraction * before : carried_.contracts_slowly && !renews;
     const bool moved_little = moved <= tolerance_ && linkage.largest_move(direction_) <= kLargest * tolerance_;
@@ -114,7 +114,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     note_lowest();
     if (stalled) return give_up();
     // With a factor that is much too stiff the increments are small, however large the residual is.
-    const bool shrank = report.residual <= std::max(residual_tolerance_, kStalled * residual);
+    const bool shrank = report.residual <= std::max(residual_tolerance_, kStalledPrediction * residual);
     if (moved_little && fell && shrank) return Outcome::converged;
     before = moved;
     if (!shrank && !renewed && !renews) {

@@ -11,7 +11,7 @@
 namespace softhand {
 namespace {
 
-constexpr int kHistory = 64;
+constexpr int kRecordedHistory = 64;
 
 std::string last_part(std::string_view name) { return std::string(name.substr(name.rfind('/') + 1)); }
 
@@ -60,7 +60,7 @@ TopicRecorder::TopicRecorder(const bus::Participant& participant, const std::str
       std::uint16_t channel = 0;
       std::vector<std::byte> bytes;
     };
-    auto lane = std::make_unique<LaneOf>(bus::Reader<T>(participant, with_history(topic, kHistory)));
+    auto lane = std::make_unique<LaneOf>(bus::Reader<T>(participant, with_history(topic, kRecordedHistory)));
     lane->name = last_part(topic.name);
     lane->channel = file_.add_channel({std::string(topic.name), "cdr", topic.type, "omgidl", idl_of(topic.type)});
     lanes_.push_back(std::move(lane));

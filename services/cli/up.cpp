@@ -38,7 +38,7 @@ namespace {
 namespace fs = std::filesystem;
 using std::chrono::milliseconds;
 using Clock = std::chrono::steady_clock;
-constexpr int kHistory = 64;  // per stream, so that polling every 5 ms loses no message
+constexpr int kPolledHistory = 64;  // per stream, so that polling every 5 ms loses no message
 constexpr std::string_view kRigModule = "rig";
 constexpr milliseconds kDiscovery{500};      // after this time a process knows all others of the domain
 constexpr milliseconds kStopOfHolder{5000};  // longest time for another rig to stop
@@ -54,11 +54,11 @@ class Listener {
  public:
   /// The hands of the scene's user are judged. Tracked hands of other users are the sources of a fusion.
   Listener(const bus::Participant& participant, bool everything, const Scene& scene)
-      : user_(hand_key(scene).user), status_(participant, with_history(bus::topics::loop_status, kHistory)) {
+      : user_(hand_key(scene).user), status_(participant, with_history(bus::topics::loop_status, kPolledHistory)) {
     if (!everything) return;
     streams_.emplace(participant);
     if (scene.soft_objects.empty()) return;
-    soft_states_.emplace(participant, with_history(bus::topics::soft_object_state, kHistory));
+    soft_states_.emplace(participant, with_history(bus::topics::soft_object_state, kPolledHistory));
     soft_outcome_.emplace(*scene.soft_objects.front().body);
   }
 
@@ -117,13 +117,13 @@ class Listener {
  private:
   struct Streams {
     explicit Streams(const bus::Participant& p)
-        : tracked(p, with_history(bus::topics::tracked_skeleton, kHistory)),
-          simulated(p, with_history(bus::topics::simulated_skeleton, kHistory)),
-          contacts(p, with_history(bus::topics::contacts, kHistory)),
-          coupling(p, with_history(bus::topics::object_coupling, kHistory)),
-          objects(p, with_history(bus::topics::objects, kHistory)),
-          wrench(p, with_history(bus::topics::bone_wrench, kHistory)),
-          device(p, with_history(bus::topics::device_state, kHistory)) {}
+        : tracked(p, with_history(bus::topics::tracked_skeleton, kPolledHistory)),
+          simulated(p, with_history(bus::topics::simulated_skeleton, kPolledHistory)),
+          contacts(p, with_history(bus::topics::contacts, kPolledHistory)),
+          coupling(p, with_history(bus::topics::object_coupling, kPolledHistory)),
+          objects(p, with_history(bus::topics::objects, kPolledHistory)),
+          wrench(p, with_history(bus::topics::bone_wrench, kPolledHistory)),
+          device(p, with_history(bus::topics::device_state, kPolledHistory)) {}
     bus::Reader<Skeleton> tracked;
     bus::Reader<Skeleton> simulated;
     bus::Reader<Contacts> contacts;

@@ -14,7 +14,6 @@ constexpr double kDegree = M_PI / 180.0;
 constexpr double kReferenceLength = 0.189;
 constexpr double kReferenceBreadth = 0.085;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Joint joint_of_finger(int finger, int k) { return static_cast<Joint>(6 + 5 * (finger - 1) + k); }
 
 // One long finger. Lengths are fractions of the hand length. Palm positions are fractions of the breadth (x) and
@@ -117,23 +116,23 @@ void natural_orientations(std::array<Pose, kJointCount>& joints) {
     Quaternion q = about(Vector3::UnitY(), row.spread) * about(Vector3::UnitZ(), row.roll);
     for (int k = 1; k <= 3; ++k) {
       q = q * about(Vector3::UnitX(), -row.flexion[static_cast<std::size_t>(k - 1)]);
-      joints[at(joint_of_finger(f, k))].orientation = q;
+      joints[slot_of(joint_of_finger(f, k))].orientation = q;
     }
-    joints[at(joint_of_finger(f, 4))].orientation = q;
+    joints[slot_of(joint_of_finger(f, 4))].orientation = q;
   }
   Quaternion q = thumb_metacarpal_orientation();
-  joints[at(Joint::thumb_metacarpal)].orientation = q;
+  joints[slot_of(Joint::thumb_metacarpal)].orientation = q;
   q = q * about(Vector3::UnitZ(), kThumb.pronation[1]) * about(Vector3::UnitX(), -kThumb.flexion[0]);
-  joints[at(Joint::thumb_proximal)].orientation = q;
+  joints[slot_of(Joint::thumb_proximal)].orientation = q;
   q = q * about(Vector3::UnitZ(), kThumb.pronation[2]) * about(Vector3::UnitX(), -kThumb.flexion[1]);
-  joints[at(Joint::thumb_distal)].orientation = q;
-  joints[at(Joint::thumb_tip)].orientation = q;
+  joints[slot_of(Joint::thumb_distal)].orientation = q;
+  joints[slot_of(Joint::thumb_tip)].orientation = q;
 }
 
 void place_palm(std::array<Pose, kJointCount>& joints) {
-  joints[at(Joint::palm)].position =
-      0.5 * (joints[at(Joint::middle_metacarpal)].position + joints[at(Joint::middle_proximal)].position);
-  joints[at(Joint::palm)].orientation = joints[at(Joint::middle_metacarpal)].orientation;
+  joints[slot_of(Joint::palm)].position =
+      0.5 * (joints[slot_of(Joint::middle_metacarpal)].position + joints[slot_of(Joint::middle_proximal)].position);
+  joints[slot_of(Joint::palm)].orientation = joints[slot_of(Joint::middle_metacarpal)].orientation;
 }
 
 double reference_radius(Joint joint) {
@@ -175,7 +174,7 @@ RestSkeleton natural_rest(const HandSize& size) {
   for (std::size_t j = 0; j < kJointCount; ++j) rest.radii[j] = thickness * reference_radius(static_cast<Joint>(j));
 
   // Buchholz' lengths end at the skin of the fingertip. The tip joint is one radius before it.
-  const double tip_radius = rest.radii[at(Joint::middle_tip)];
+  const double tip_radius = rest.radii[slot_of(Joint::middle_tip)];
   const FingerRow& middle = kFingers[1];
   const double sum = middle.palm_length + middle.phalanges[0] + middle.phalanges[1] + middle.phalanges[2];
   const double scale = (size.length - tip_radius) / sum;
@@ -188,12 +187,12 @@ RestSkeleton natural_rest(const HandSize& size) {
     Vector3 head(row.mcp_x * size.breadth, row.mcp_y * millimetre, 0);
     const double reach = row.palm_length * scale;
     head.z() = -std::sqrt(reach * reach - head.squaredNorm());
-    rest.joints[at(joint_of_finger(f, 0))] = {base,
-                                              frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};
+    rest.joints[slot_of(joint_of_finger(f, 0))] = {
+        base, frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};
     for (int k = 1; k <= 4; ++k) {
-      rest.joints[at(joint_of_finger(f, k))].position = head;
+      rest.joints[slot_of(joint_of_finger(f, k))].position = head;
       if (k <= 3) {
-        head -= rest.joints[at(joint_of_finger(f, k))].orientation * Vector3::UnitZ() *
+        head -= rest.joints[slot_of(joint_of_finger(f, k))].orientation * Vector3::UnitZ() *
                 row.phalanges[static_cast<std::size_t>(k - 1)] * scale;
       }
     }
@@ -217,8 +216,8 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
   RestSkeleton rest;
   natural_orientations(rest.joints);
   const auto follow = [&](Joint joint, Joint parent) {
-    const Pose& frame_of_parent = rest.joints[at(parent)];
-    rest.joints[at(joint)].position = frame_of_parent * to_right(user.offsets[at(joint)]);
+    const Pose& frame_of_parent = rest.joints[slot_of(parent)];
+    rest.joints[slot_of(joint)].position = frame_of_parent * to_right(user.offsets[slot_of(joint)]);
   };
   for (int f = 1; f < kFingerCount; ++f) {
     // The convention of metacarpal frames differs between sources. Therefore only the positions of their ends are used.
@@ -227,16 +226,16 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
     follow(metacarpal, Joint::wrist);
     Eigen::Vector4d mean = Eigen::Vector4d::Zero();
     for (const auto& frame_of_user : user.orientations) {
-      const Eigen::Vector4d q = frame_of_user[at(metacarpal)].coeffs();
+      const Eigen::Vector4d q = frame_of_user[slot_of(metacarpal)].coeffs();
       mean += q.dot(mean) < 0 ? Eigen::Vector4d(-q) : q;
     }
     Quaternion measured_rotation = Quaternion(mean).normalized();
     if (side == Side::left)
       measured_rotation =
           Quaternion(measured_rotation.w(), measured_rotation.x(), -measured_rotation.y(), -measured_rotation.z());
-    const Vector3 along = measured_rotation * to_right(user.offsets[at(proximal)]);
-    rest.joints[at(metacarpal)].orientation = frame(along, measured_rotation * Vector3::UnitY());
-    rest.joints[at(proximal)].position = rest.joints[at(metacarpal)].position + along;
+    const Vector3 along = measured_rotation * to_right(user.offsets[slot_of(proximal)]);
+    rest.joints[slot_of(metacarpal)].orientation = frame(along, measured_rotation * Vector3::UnitY());
+    rest.joints[slot_of(proximal)].position = rest.joints[slot_of(metacarpal)].position + along;
     for (int k = 2; k <= 4; ++k) follow(joint_of_finger(f, k), joint_of_finger(f, k - 1));
   }
   follow(Joint::thumb_metacarpal, Joint::wrist);
@@ -246,16 +245,17 @@ RestSkeleton natural_rest(const MeasuredSkeleton& user, Side side) {
   place_palm(rest.joints);
   // Without this check, meshing a skeleton that is not a hand runs out of memory or finds no mesh. The error then would
   // not mention the recording.
-  const double reach = rest.joints[at(Joint::middle_tip)].position.norm();
+  const double reach = rest.joints[slot_of(Joint::middle_tip)].position.norm();
   if (!(reach > kShortestReach && reach < kLongestReach))
     throw std::invalid_argument(
         "expected positions in metres, with the middle fingertip 0.05 to 0.4 m from the wrist, got " +
         std::to_string(reach) + " m");
-  if (!(rest.joints[at(Joint::thumb_metacarpal)].position.x() < rest.joints[at(Joint::little_proximal)].position.x()))
+  if (!(rest.joints[slot_of(Joint::thumb_metacarpal)].position.x() <
+        rest.joints[slot_of(Joint::little_proximal)].position.x()))
     throw std::invalid_argument(std::string("expected a ") + (side == Side::left ? "left" : "right") +
                                 " hand, got the thumb on the other side; set --side");
   // If a source gives no radius, use that of the reference hand, scaled by the palm length of the middle finger.
-  const double ratio = rest.joints[at(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
+  const double ratio = rest.joints[slot_of(Joint::middle_proximal)].position.norm() / (0.446 * kReferenceLength);
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const double measured_radius = user.radii[j];
     rest.radii[j] = measured_radius > 0 ? measured_radius : ratio * reference_radius(static_cast<Joint>(j));
@@ -343,8 +343,8 @@ JointModel make_joint(const RestSkeleton& rest, Body body) {
   // has no straight pose, so its range is measured from rest.
   double flexed = 0, abducted = 0;
   if (body != Body::thumb_metacarpal) {
-    const Quaternion parent = rest.joints[at(joint_of(parent_of(body)))].orientation;
-    const Vector3 angle = rotation_log(parent.conjugate() * rest.joints[at(joint_of(body))].orientation);
+    const Quaternion parent = rest.joints[slot_of(joint_of(parent_of(body)))].orientation;
+    const Vector3 angle = rotation_log(parent.conjugate() * rest.joints[slot_of(joint_of(body))].orientation);
     flexed = angle.x();  // negative at rest
     abducted = angle.y();
   }
@@ -379,9 +379,9 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Body which = static_cast<Body>(b);
     BodyModel& body = bodies[b];
-    const Pose& joint = rest.joints[at(joint_of(which))];
-    const double skin_start = rest.radii[at(joint_of(which))] / reference_radius(joint_of(which));
-    const double skin_end = rest.radii[at(end_joint_of(which))] / reference_radius(end_joint_of(which));
+    const Pose& joint = rest.joints[slot_of(joint_of(which))];
+    const double skin_start = rest.radii[slot_of(joint_of(which))] / reference_radius(joint_of(which));
+    const double skin_end = rest.radii[slot_of(end_joint_of(which))] / reference_radius(end_joint_of(which));
     const BoneRow row = bone_row(which);
     const double finger_scale = finger_of(which) == Finger::thumb    ? 1.2
                                 : finger_of(which) == Finger::little ? 0.88
@@ -394,7 +394,7 @@ std::array<BodyModel, kBodyCount> make_bodies(const RestSkeleton& rest) {
       body.bone_end = Vector3(0, 0, std::max(rest.stump - 0.029, 0.002));
     } else {
       // Gaps at the joints prevent neighbouring bones from sharing tissue. The distal bone reaches to its tip joint.
-      const Vector3 end = joint.inverse() * rest.joints[at(end_joint_of(which))].position;
+      const Vector3 end = joint.inverse() * rest.joints[slot_of(end_joint_of(which))].position;
       const double length = end.norm();
       const Vector3 along = end / length;
       const bool distal = which == distal_of(finger_of(which)) && finger_of(which) != Finger::palm;

@@ -9,13 +9,12 @@
 #include <stdexcept>
 
 #include "hand_builder/cgal_mesh.hpp"
+#include "math/index.hpp"
 #include "math/tetrahedron.hpp"
 #include "model/tissue_model.hpp"
 
 namespace softhand::builder {
 namespace {
-
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 class DisjointSets {
  public:

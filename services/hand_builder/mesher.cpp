@@ -5,12 +5,11 @@
 #include <random>
 #include <stdexcept>
 
+#include "math/index.hpp"
 #include "math/tetrahedron.hpp"
 
 namespace softhand::builder {
 namespace {
-
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 // The largest cosine of the six dihedral angles. It is 1 for a flat or inverted tetrahedron.
 double worst_cosine(const std::vector<Vector3>& nodes, const std::array<std::int32_t, 4>& t) {

@@ -17,8 +17,6 @@ namespace {
 
 using nlohmann::json;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 // Merges all primitives of the skinned mesh, in the file's frame. Corners at the same place are welded.
 TriangleMesh read_mesh(const GltfFile& file, const json& mesh, std::size_t joint_count) {
   TriangleMesh out;
@@ -139,11 +137,11 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
       file, file.element("meshes", file.index(skinned, "mesh", "nodes[" + std::to_string(node) + "]")), joints.size());
 
   // Transform to the wrist's frame and mirror to the right side. A mirrored frame is S R S.
-  const Pose to_wrist = hand.rest.joints[at(Joint::wrist)].inverse();
+  const Pose to_wrist = hand.rest.joints[slot_of(Joint::wrist)].inverse();
   for (Pose& joint : hand.rest.joints) joint = to_wrist * joint;
   for (Vector3& vertex : hand.skin.vertices) vertex = to_wrist * vertex;
-  if (hand.rest.joints[at(Joint::thumb_proximal)].position.x() >
-      hand.rest.joints[at(Joint::little_proximal)].position.x()) {
+  if (hand.rest.joints[slot_of(Joint::thumb_proximal)].position.x() >
+      hand.rest.joints[slot_of(Joint::little_proximal)].position.x()) {
     hand.side = Side::left;
     for (Pose& joint : hand.rest.joints) {
       joint.position.x() = -joint.position.x();
@@ -157,15 +155,15 @@ RiggedHand parse_rigged_hand(std::istream& in, const std::string& name) try {
 
   for (std::size_t b = 1; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    const Pose& joint = hand.rest.joints[at(joint_of(body))];
-    const Vector3 along = (hand.rest.joints[at(end_joint_of(body))].position - joint.position).normalized();
+    const Pose& joint = hand.rest.joints[slot_of(joint_of(body))];
+    const Vector3 along = (hand.rest.joints[slot_of(end_joint_of(body))].position - joint.position).normalized();
     file.check(along.dot(joint.orientation * -Vector3::UnitZ()) > std::cos(30 * M_PI / 180),
                "skins[0].inverseBindMatrices (" + std::string(webxr_name(joint_of(body))) + ")",
                "-Z within 30 degrees of the bone");
   }
-  const Pose& metacarpal = hand.rest.joints[at(Joint::middle_metacarpal)];
-  hand.rest.joints[at(Joint::palm)] = {
-      0.5 * (metacarpal.position + hand.rest.joints[at(Joint::middle_proximal)].position), metacarpal.orientation};
+  const Pose& metacarpal = hand.rest.joints[slot_of(Joint::middle_metacarpal)];
+  hand.rest.joints[slot_of(Joint::palm)] = {
+      0.5 * (metacarpal.position + hand.rest.joints[slot_of(Joint::middle_proximal)].position), metacarpal.orientation};
 
   const MeshSkin shape(hand.skin);
   for (std::size_t j = 0; j < kJointCount; ++j) {

@@ -26,10 +26,6 @@ std::vector<InstructionSet> supported_sets() {
   return sets;
 }
 
-Matrix3 random_rotation(Random& random) {
-  return Quaternion(random(), random(), random(), random()).normalized().toRotationMatrix();
-}
-
 // Tetrahedra without common nodes, so that the results of each one can be checked.
 HandModel loose_tetrahedra(int count, Random& random) {
   HandModel hand;
@@ -140,7 +136,7 @@ TEST(TissueKernel, EqualsTheScalarReference) {
       Vector3 s = kind.least;
       for (int k = 0; k < 3; ++k) s[k] += 0.5 * (random() + 1.0) * (kind.most[k] - kind.least[k]);
       // Some rotations are about coordinate axes or by half a turn. There off-diagonals vanish and differences cancel.
-      Matrix3 r = random_rotation(random), q = random_rotation(random);
+      Matrix3 r = random.rotation(), q = random.rotation();
       if (e % 5 == 0) r = Eigen::AngleAxisd(M_PI, random.vector().normalized()).toRotationMatrix();
       if (e % 7 == 0) q = Matrix3::Identity();
       if (e % 11 == 0) r = Matrix3::Identity();
@@ -182,8 +178,8 @@ TEST(TissueKernel, DegenerateDeformationsGiveTheRightEnergyAndStayFinite) {
   for (auto& node : centred.nodes) node -= hand.nodes[0];
   for (const Vector3& s : stretches) {
     for (int i = 0; i < 10; ++i) {
-      const Matrix3 r = i < 2 ? Matrix3(Matrix3::Identity()) : random_rotation(random);
-      const Matrix3 q = i % 2 == 0 ? Matrix3(Matrix3::Identity()) : random_rotation(random);
+      const Matrix3 r = i < 2 ? Matrix3(Matrix3::Identity()) : random.rotation();
+      const Matrix3 q = i % 2 == 0 ? Matrix3(Matrix3::Identity()) : random.rotation();
       deform(state, centred, 0, r * s.asDiagonal() * q.transpose());
       const Outcome expected = evaluate(reference, state);
       for (const InstructionSet set : supported_sets()) {
@@ -207,7 +203,7 @@ TEST(TissueKernel, EachInstructionSetGivesTheSameBits) {
       const double amount = std::pow(10.0, 4 * random());
       s += (e % 3 == 0 ? 0.0 : amount) * random.vector();
       if (e % 13 == 0) s = Vector3(1, e % 2, 0);
-      deform(state, hand, e, random_rotation(random) * s.asDiagonal() * random_rotation(random));
+      deform(state, hand, e, random.rotation() * s.asDiagonal() * random.rotation());
     }
     Tissue baseline(hand, InstructionSet::baseline);
     const Outcome expected = evaluate(baseline, state);
@@ -302,7 +298,7 @@ TEST(TissueKernel, NaNStaysInItsElement) {
   const HandModel hand = loose_tetrahedra(count, random);
   State state = testing::rest_state(hand);
   for (int e = 0; e < count; ++e)
-    deform(state, hand, e, Matrix3(random_rotation(random)) * Vector3(1.1, 0.9, 1.0).asDiagonal());
+    deform(state, hand, e, Matrix3(random.rotation()) * Vector3(1.1, 0.9, 1.0).asDiagonal());
   for (const InstructionSet set : supported_sets()) {
     SCOPED_TRACE(std::string(to_string(set)));
     Tissue tissue(hand, set);

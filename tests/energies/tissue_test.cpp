@@ -17,10 +17,6 @@ using testing::corotational_hessian;
 using testing::CorotationalHessian;
 using testing::Random;
 
-Matrix3 random_rotation(Random& random) {
-  return Quaternion(random(), random(), random(), random()).normalized().toRotationMatrix();
-}
-
 Matrix3 random_matrix(Random& random) {
   Matrix3 m;
   for (int c = 0; c < 3; ++c) m.col(c) = random.vector();
@@ -47,8 +43,7 @@ TEST(RotationSvd, HoldsForEveryKindOfMatrix) {
                              Vector3(2, 1 + tiny, -1), Vector3(1, tiny, tiny), Vector3(1, 1, tiny),
                              Vector3(1, tiny, -tiny), Vector3(tiny, tiny, tiny), Vector3(1, 2, tiny)}) {
       expect_svd(s.asDiagonal());
-      for (int i = 0; i < 20; ++i)
-        expect_svd(random_rotation(random) * s.asDiagonal() * random_rotation(random).transpose());
+      for (int i = 0; i < 20; ++i) expect_svd(random.rotation() * s.asDiagonal() * random.rotation().transpose());
     }
   }
   expect_svd(Matrix3::Zero());
@@ -60,7 +55,7 @@ TEST(RotationSvd, HoldsForEveryKindOfMatrix) {
 TEST(RotationSvd, RecoversTheRotation) {
   Random random(2);
   for (int i = 0; i < 500; ++i) {
-    const Matrix3 r = random_rotation(random), q = random_rotation(random);
+    const Matrix3 r = random.rotation(), q = random.rotation();
     const Vector3 stretch(1.3, 0.9, 0.2);
     const Matrix3 f = r * (q * stretch.asDiagonal() * q.transpose());
     EXPECT_LE((rotation_svd(f).rotation() - r).norm(), 1e-12);

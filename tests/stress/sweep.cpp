@@ -24,7 +24,7 @@ double mirrored_digits(std::size_t n, std::size_t base) {
 double logarithmic(double low, double high, double share) { return low * std::pow(high / low, share); }
 
 Findings pressed(const SweepPoint& point, const SolverOptions& solver) {
-  constexpr double kStays = 10e-3, kSlow = 0.1;  // m, m/s
+  constexpr double kStays = 10e-3, kSlowContact = 0.1;  // m, m/s
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
   for (Material& material : event.hand.materials) {
@@ -48,7 +48,7 @@ Findings pressed(const SweepPoint& point, const SolverOptions& solver) {
         moved = (now.simulation.slot_pose(now.slot).position - event.object.pose.position).norm();
         force = std::max(force, now.simulation.contact_wrench(now.slot).force.norm());
       },
-      kSlow);
+      kSlowContact);
   findings.demand_at_least("touched", "largest force on the object", force, 1e-3, "N");
   findings.demand("stays", "object from its place", moved * 1e3, kStays * 1e3, "mm");
   return findings;

@@ -96,11 +96,11 @@ bool number_after(const std::string& text, const std::string& word, double& valu
 /// A coupling either runs with the cube at rest at the end, or it is refused. A refusal must name the growth and offer
 /// values that then run.
 Findings stable_or_refused(Grasp setting, const std::function<bool(const std::string&, Grasp&)>& take_offer) {
-  constexpr double kSlow = 0.2;  // m/s
+  constexpr double kSlowObject = 0.2;  // m/s
   const auto judged = [](const Grasp& which) {
     Grasped result = grasp(which);
     result.findings.demand("stable", "speed of the cube over the last 0.3 s", result.fastest(which.seconds - 0.3),
-                           kSlow, "m/s");
+                           kSlowObject, "m/s");
     return result.findings;
   };
   setting.held = false;

@@ -62,6 +62,10 @@ class Random {
     const double x = (*this)(), y = (*this)(), z = (*this)();
     return {x, y, z};
   }
+  Matrix3 rotation() {
+    const double w = (*this)(), x = (*this)(), y = (*this)(), z = (*this)();
+    return Quaternion(w, x, y, z).normalized().toRotationMatrix();
+  }
 
  private:
   std::mt19937_64 generator_;

@@ -1,5 +1,5 @@
-# Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DBINARY=... -P check_build_options.cmake
-# FULL is a finished build with all options.
+# Run by the test build_options: cmake -DSOURCE=... -DFULL=... -DUNITY=... -DBINARY=... -P check_build_options.cmake
+# FULL is a finished build with all options, and SOFTHAND_UNITY=UNITY.
 cmake_minimum_required(VERSION 3.25)
 set(features viewer socket_trackers openxr hand_builder object_builder tests)
 # Words in the commands of a build (compilations and links) that occur only if the build has the feature.
@@ -14,7 +14,7 @@ set(only_meshes libsofthand_mesh_files.a libsofthand_skin_mesher.a cgal_mesh.cpp
 set(only_tests bin/softhand-report bin/softhand-bench libsofthand_cholmod_solver.a libgtest.a libbenchmark idlc
     fastddsgen)
 # HTTP and TLS, for the viewer and for trackers that listen to sockets.
-set(only_web web_server.cpp libsofthand_web_server.a)
+set(only_web softhand_web_server.dir libsofthand_web_server.a)
 
 function(run)
   execute_process(COMMAND ${ARGN} RESULT_VARIABLE result OUTPUT_VARIABLE output ERROR_VARIABLE output)
@@ -34,7 +34,7 @@ function(check name)
   if(hand_builder IN_LIST off AND object_builder IN_LIST off)
     list(APPEND off meshes)
   endif()
-  set(arguments)
+  set(arguments -DSOFTHAND_UNITY=${UNITY})
   foreach(feature ${ARGN})
     string(TOUPPER ${feature} option)
     list(APPEND arguments -DSOFTHAND_${option}=OFF)

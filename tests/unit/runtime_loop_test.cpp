@@ -1,6 +1,6 @@
 // Statistics, schedule, loop and simulated clock.
 #include <gtest/gtest.h>
-#include <sys/mman.h>
+#include <sys/resource.h>
 
 #include <algorithm>
 #include <array>
@@ -382,10 +382,19 @@ TEST(Scheduling, CoresAreAListOfNumbersAndRanges) {
 TEST(Scheduling, ThreadsOfALoopAreOrdinary) {
   std::thread([] {
     const auto warnings = request_real_time(3);
-    munlockall();
     if (sched_getscheduler(0) == SCHED_OTHER) GTEST_SKIP() << warnings.back();
     EXPECT_EQ(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_FIFO);
     std::thread([] { EXPECT_EQ(sched_getscheduler(0) & ~SCHED_RESET_ON_FORK, SCHED_OTHER); }).join();
+  }).join();
+}
+
+// The threads that receive samples. This test needs the same permission.
+TEST(Scheduling, ThreadsAreFavouredUntilTheLoopIsRealTime) {
+  std::thread([] {
+    if (const auto warnings = favour_new_threads(); !warnings.empty()) GTEST_SKIP() << warnings.back();
+    std::thread([] { EXPECT_EQ(getpriority(PRIO_PROCESS, 0), -15); }).join();
+    ASSERT_TRUE(request_real_time(3).empty());
+    std::thread([] { EXPECT_EQ(getpriority(PRIO_PROCESS, 0), 0); }).join();
   }).join();
 }
 

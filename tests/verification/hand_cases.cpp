@@ -16,7 +16,7 @@
 namespace softhand::verification {
 namespace {
 
-constexpr double kStep = 1.0 / 90;  // s
+constexpr double kHandStep = 1.0 / 90;  // s
 
 SimulationOptions converging_simulation() {
   SimulationOptions options;
@@ -60,7 +60,7 @@ std::vector<Measurement> spinning_box(const Parameters& p) {
       return Vector3(turn * (object.inertia * (turn.conjugate() * simulation.slot_velocity(0).angular)));
     };
     const Vector3 before = momentum();
-    for (int i = 0; i < 90; ++i) simulation.step(kStep);
+    for (int i = 0; i < 90; ++i) simulation.step(kHandStep);
     return (momentum() - before).norm() / before.norm();
   };
   return {{kSpinLost, lost({}), 0, 0.01, "1", {}},
@@ -174,11 +174,11 @@ std::vector<Measurement> pinch_threshold(const Parameters& p) {
     const double speed = -trial.slot_velocity(slot).linear.y();
     if (speed < kCreeps) reference = mass * kGravity / grip();
     if (i > kSettle) {
-      object.friction -= kStep * (kFall * reference + kApproach * std::max(0.0, object.friction - reference));
+      object.friction -= kHandStep * (kFall * reference + kApproach * std::max(0.0, object.friction - reference));
     }
     trial.set_slot(slot, object);
     trial.make_dynamic(slot, Vector3(0, -kGravity, 0));
-    trial.step(kStep);
+    trial.step(kHandStep);
     if (i > kSettle && trial.slot_velocity(slot).linear.y() < -kSlips) {
       return {{"friction at which it slips", object.friction, reference, 0.01 * reference, "1", {}}};
     }

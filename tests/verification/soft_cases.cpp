@@ -162,7 +162,7 @@ void press(HandSimulation& simulation, double height, double by) {
 
 // Two plates press a sphere, without friction. Hertz measures the approach to a far point of a half-space. The middle
 // of a sphere is only R away, so it moves less, and the sphere looks stiffer by about a tenth.
-std::vector<Measurement> hertz(const Parameters& p) {
+std::vector<Measurement> soft_hertz(const Parameters& p) {
   const double modulus = p["E"], ratio = p["nu"], approach = p["approach"] * kRadius;
   const auto body = soft_sphere(p.whole("subdivisions"), soft_material(modulus, ratio, kDensity));
   const auto simulation =
@@ -214,7 +214,7 @@ std::vector<Case> soft_cases() {
           {"soft_sphere_hertz",
            "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, d: approach of the middle to the plate",
            {{{"E", 1e5}, {"nu", 0.3}, {"approach", 0.05}, {"subdivisions", 3}}},
-           hertz},
+           soft_hertz},
           {"two_soft_spheres_hertz",
            "F = 4/3 E/(2 (1 - nu^2)) sqrt(R/2) d^1.5, d: approach of the middles",
            {{{"E", 1e5}, {"nu", 0.3}, {"approach", 0.05}, {"subdivisions", 3}}},

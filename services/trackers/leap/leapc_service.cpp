@@ -12,14 +12,14 @@
 namespace softhand {
 namespace {
 
-constexpr double kMetresPerMillimetre = 1e-3;
+constexpr double kMetresPerLeapUnit = 1e-3;
 constexpr std::uint32_t kPollTime = 50;    // ms; a stop is noticed after it
 constexpr std::uint32_t kMostHands = 100;  // in a frame; more are not those of people
 
 Vec3 vector_of(const float* v) { return {v[0], v[1], v[2]}; }
 Vec3 point_of(const float* v) {
   Vec3 out = vector_of(v);
-  for (double& value : out) value *= kMetresPerMillimetre;
+  for (double& value : out) value *= kMetresPerLeapUnit;
   return out;
 }
 Vec3 dorsal_of(const float* q) { return to_wire(Vector3(Quaternion(q[3], q[0], q[1], q[2]) * Vector3::UnitY())); }
@@ -37,7 +37,7 @@ LeapHand hand_of(const leapc::Hand& from) {
     for (std::size_t k = 0; k < hand.bones[finger].size(); ++k) {
       const leapc::Bone& bone = from.digits[finger].bones[k];
       hand.bones[finger][k] = {point_of(bone.previous_joint), point_of(bone.next_joint), dorsal_of(bone.rotation),
-                               static_cast<double>(bone.width) * kMetresPerMillimetre};
+                               static_cast<double>(bone.width) * kMetresPerLeapUnit};
     }
   }
   return hand;

@@ -10,9 +10,6 @@
 namespace softhand {
 namespace {
 
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
-
 // Each finger flexes until it almost meets the palm. The thumb then lies across the fingers.
 JointAngles solve_fist(const HandModel& model) {
   const GripHand hand(model);
@@ -40,7 +37,7 @@ JointAngles solve_fist(const HandModel& model) {
   solver.solve([](PostureSolver& s) {
     const JointFrames& frames = s.frames(0);
     const Vector3 over =
-        0.5 * (frames[index(Joint::index_intermediate)].position + frames[index(Joint::index_distal)].position);
+        0.5 * (frames[slot_of(Joint::index_intermediate)].position + frames[slot_of(Joint::index_distal)].position);
     const auto thumb = s.pad(Finger::thumb, 0);
     s.add_point_goal(0.1 * kPerMetre, 0, thumb.body, thumb.position, over);
     s.add_distance_goal(0, {Finger::index, Finger::middle, Finger::ring, Finger::little}, 1e-3);
@@ -75,8 +72,8 @@ class FreeMotion : public Motion {
       const double share = fist ? (thumb ? minimum_jerk(2 * beat - 1) : minimum_jerk(beat / 0.8))
                                 : (thumb ? 0.15 - 0.15 * std::cos(1.4 * t) : 0.3 - 0.3 * std::cos(1.7 * t - 0.5 * f));
       for (const JointAxis& v : axes_of(static_cast<Finger>(f))) {
-        const double open = open_[index(v.body)][v.axis];
-        double& angle = angles[index(v.body)][v.axis];
+        const double open = open_[slot_of(v.body)][v.axis];
+        double& angle = angles[slot_of(v.body)][v.axis];
         angle = window * (open + share * (angle - open));
       }
     }

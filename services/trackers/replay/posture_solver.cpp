@@ -14,9 +14,6 @@ constexpr int kIterations = 120;
 constexpr double kEnough = 1e-7;      // relative decrease of the cost at which the solver stops
 constexpr double kLargestStep = 0.3;  // per value, because the goals are nonlinear
 
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
-
 }  // namespace
 
 std::array<JointAxis, 4> axes_of(Finger finger) {
@@ -31,7 +28,7 @@ GripHand::GripHand(const HandModel& model) : model_(model), open_(open_hand(mode
 }
 
 void GripHand::flex(JointAngles& angles, Finger finger, double first, double second, double distal) const {
-  const std::size_t last = index(distal_of(finger));
+  const std::size_t last = slot_of(distal_of(finger));
   angles[last - 2].x() = open_[last - 2].x() + first;
   angles[last - 1].x() = open_[last - 1].x() + second;
   angles[last].x() = open_[last].x() + distal;
@@ -45,7 +42,7 @@ JointAngles GripHand::from_open(double share, const JointAngles& angles) const {
 
 GripHand::Pad GripHand::pad(Finger finger, const JointFrames& frames) const {
   const Body body = distal_of(finger);
-  const Pose& distal = frames[index(joint_of(body))];
+  const Pose& distal = frames[slot_of(joint_of(body))];
   const Vector3& pad = pads_[static_cast<std::size_t>(finger)];
   return {body,
           distal * pad,
@@ -56,7 +53,7 @@ GripHand::Pad GripHand::pad(Finger finger, const JointFrames& frames) const {
 }
 
 double GripHand::limited(const JointAxis& which, double angle) const {
-  const JointModel& joint = model_.bodies[index(which.body)].joint;
+  const JointModel& joint = model_.bodies[slot_of(which.body)].joint;
   const std::array<double, 2>& range = which.axis == 0 ? joint.flexion_range : joint.abduction_range;
   return std::clamp(angle, range[0], range[1]);
 }
@@ -73,7 +70,8 @@ std::vector<GripHand::Sphere> GripHand::spheres(const JointFrames& frames) const
   out.reserve(kSpheresPerBone * kBodyCount);
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    const double from = model_.joint_radii[index(joint_of(body))], to = model_.joint_radii[index(end_joint_of(body))];
+    const double from = model_.joint_radii[slot_of(joint_of(body))],
+                 to = model_.joint_radii[slot_of(end_joint_of(body))];
     for (int k = 0; k < kSpheresPerBone; ++k) {
       const double along = static_cast<double>(k) / (kSpheresPerBone - 1);
       out.push_back({body, along, (1 - along) * from + along * to, Vector3::Zero()});
@@ -85,8 +83,8 @@ std::vector<GripHand::Sphere> GripHand::spheres(const JointFrames& frames) const
 
 void GripHand::move(std::vector<Sphere>& spheres, const JointFrames& frames) const {
   for (Sphere& s : spheres)
-    s.centre = (1 - s.along) * frames[index(joint_of(s.body))].position +
-               s.along * frames[index(end_joint_of(s.body))].position;
+    s.centre = (1 - s.along) * frames[slot_of(joint_of(s.body))].position +
+               s.along * frames[slot_of(end_joint_of(s.body))].position;
 }
 
 PostureSolver::PostureSolver(const GripHand& hand, const Pose& wrist, std::vector<JointAngles> postures)
@@ -107,7 +105,7 @@ void PostureSolver::free_wrist() {
 void PostureSolver::free_finger(Finger finger, std::initializer_list<std::size_t> postures) {
   for (const JointAxis& axis : axes_of(finger)) {
     const Eigen::Index at = values_.size();
-    const double start = posed_[*postures.begin()].angles[index(axis.body)][axis.axis];
+    const double start = posed_[*postures.begin()].angles[slot_of(axis.body)][axis.axis];
     free_.push_back({axis, postures, start});
     for (VectorX* each : {&values_, &lower_, &upper_}) each->conservativeResize(at + 1);
     lower_[at] = hand_.limited(axis, -10);
@@ -130,7 +128,7 @@ void PostureSolver::pose(const VectorX& values) {
   const Eigen::Index first = first_angle();
   for (std::size_t i = 0; i < free_.size(); ++i) {
     for (const std::size_t p : free_[i].postures)
-      posed_[p].angles[index(free_[i].axis.body)][free_[i].axis.axis] = values[first + static_cast<Eigen::Index>(i)];
+      posed_[p].angles[slot_of(free_[i].axis.body)][free_[i].axis.axis] = values[first + static_cast<Eigen::Index>(i)];
   }
   for (Posed& posed : posed_) {
     posed.frames = forward_kinematics(hand_.model(), wrist_, posed.angles);
@@ -139,10 +137,10 @@ void PostureSolver::pose(const VectorX& values) {
     posed.turn_about.resize(static_cast<std::size_t>(values.size()));
   }
   for (std::size_t i = 0; i < free_.size(); ++i) {
-    const std::size_t at = static_cast<std::size_t>(first) + i, body = index(free_[i].axis.body);
+    const std::size_t at = static_cast<std::size_t>(first) + i, body = slot_of(free_[i].axis.body);
     for (const std::size_t p : free_[i].postures) {
       Posed& posed = posed_[p];
-      const Pose& joint = posed.frames[index(joint_of(free_[i].axis.body))];
+      const Pose& joint = posed.frames[slot_of(joint_of(free_[i].axis.body))];
       // Right Jacobian of the exponential map: the rotation in the body's own frame.
       posed.turn_axis[at] =
           joint.orientation *
@@ -184,7 +182,7 @@ void PostureSolver::add_residual(double weight, double value, std::initializer_l
         add_entry(3 + i, turn[i]);
       }
     }
-    for (const int at : posed.moved_by[index(change.body)]) {
+    for (const int at : posed.moved_by[slot_of(change.body)]) {
       const auto k = static_cast<std::size_t>(at);
       add_entry(at, weight * posed.turn_axis[k].dot(change.torque - posed.turn_about[k].cross(change.force)));
     }
@@ -236,7 +234,7 @@ void PostureSolver::add_start_goal(double weight) {
   for (std::size_t i = 0; i < free_.size(); ++i) {
     const std::size_t posture = free_[i].postures.front();
     add_entry(first_angle() + static_cast<int>(i), weight);
-    finish_row(weight * (posed_[posture].angles[index(free_[i].axis.body)][free_[i].axis.axis] - free_[i].start));
+    finish_row(weight * (posed_[posture].angles[slot_of(free_[i].axis.body)][free_[i].axis.axis] - free_[i].start));
   }
 }
 

@@ -7,9 +7,9 @@
 namespace softhand {
 namespace {
 
-constexpr double kClear = 8e-3;  // m, of everything but the pressing finger above the face
-constexpr double kSteep = 0.7;   // cosine between the pressing bone and straight down
-constexpr double kPlace = 30 * kPerMetre;
+constexpr double kClearOfFace = 8e-3;  // m, of everything but the pressing finger above the face
+constexpr double kSteep = 0.7;         // cosine between the pressing bone and straight down
+constexpr double kPlacePad = 30 * kPerMetre;
 
 }  // namespace
 
@@ -32,11 +32,11 @@ Grip solve_press(const HandModel& model, const GeneratorOptions& o) {
   for (const double clear : {0.1, 1.0, 5.0}) {
     solver.solve([&](PostureSolver& s) {
       const auto pad = s.pad(Finger::index, 0);
-      s.add_point_goal(kPlace, 0, pad.body, pad.centre, pad.radius * Vector3::UnitY());
+      s.add_point_goal(kPlacePad, 0, pad.body, pad.centre, pad.radius * Vector3::UnitY());
       s.add_direction_goal(3, 0, pad.body, pad.along, Vector3(0, -kSteep, -std::sqrt(1 - kSteep * kSteep)));
       for (const GripHand::Sphere& sphere : s.spheres(0)) {
         if (finger_of(sphere.body) == Finger::index && !is_metacarpal(sphere.body)) continue;
-        const double height = sphere.centre.y() - sphere.radius - kClear;
+        const double height = sphere.centre.y() - sphere.radius - kClearOfFace;
         if (height < 0)
           s.add_residual(clear * kPerMetre, height, {by_point(0, sphere.body, sphere.centre, Vector3::UnitY())});
       }
