@@ -2,6 +2,7 @@
 
 #include <pthread.h>
 #include <sys/mman.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -15,10 +16,11 @@ namespace softhand {
 namespace {
 
 constexpr std::size_t kThreadStack = std::size_t{1} << 20;
+constexpr int kFavoured = -15;  // niceness
 
 }  // namespace
 
-std::vector<std::string> request_real_time(int priority) {
+std::vector<std::string> lock_memory() {
   std::vector<std::string> warnings;
 #if defined(__GLIBC__)
   // Locked memory is resident, and this includes stacks. With glibc's default of 8 MB per thread, the stacks of a DDS
@@ -34,13 +36,20 @@ std::vector<std::string> request_real_time(int priority) {
   if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
     warnings.push_back(std::string("memory is not locked (") + std::strerror(errno) + "): steps may wait for pages");
   }
-  if (priority == 0) return warnings;
+  return warnings;
+}
+
+std::vector<std::string> favour_new_threads() {
+  // On Linux a thread has a niceness of its own, and new threads inherit it.
+  if (setpriority(PRIO_PROCESS, 0, kFavoured) == 0) return {};
+  return {std::string("niceness of -15 refused (") + std::strerror(errno) + "): samples may be late"};
+}
+
+std::vector<std::string> request_real_time(int priority) {
   const sched_param parameters{.sched_priority = priority};
   // The threads of DDS, web servers and logs must not inherit the priority, whenever they start.
-  if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) != 0) {
-    warnings.push_back(std::string("real-time priority refused (") + std::strerror(errno) + "): steps may be late");
-  }
-  return warnings;
+  if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) == 0) return {};
+  return {std::string("real-time priority refused (") + std::strerror(errno) + "): steps may be late"};
 }
 
 void become_ordinary() {

@@ -1,5 +1,5 @@
-// Priorities and cores of threads. Only loops run at a raised priority. Input and output never do, because they would
-// stand above the loops of other processes.
+// Priorities and cores of threads. Only loops run at a real-time priority. Input and output never do, because they
+// would stand above the loops of other processes.
 #pragma once
 
 #include <sched.h>
@@ -9,10 +9,17 @@
 
 namespace softhand {
 
-/// Locks the memory of the process and sets the calling thread to SCHED_FIFO with `priority` (1..99; 0: it stays
-/// ordinary). Returns one warning with the reason for each request that the system refused. The loop still runs then,
-/// with less exact timing. Threads that it starts later are ordinary, because only loops may have a raised priority.
-/// They get stacks of 1 MiB.
+/// Locks the memory of the process. Threads that are started later get stacks of 1 MiB. Returns one warning with the
+/// reason for each request that the system refused.
+std::vector<std::string> lock_memory();
+
+/// Threads that the calling thread starts from now on get a niceness of -15, until `request_real_time`. This is for the
+/// threads that receive samples. At the niceness of other programs they wait for these. A sample is then late by up to
+/// a second on a busy machine (docs/two-hands.md). Returns a warning if the system refused.
+std::vector<std::string> favour_new_threads();
+
+/// Sets the calling thread to SCHED_FIFO with `priority`, 1..99. Returns a warning if the system refused. The loop
+/// still runs then, with less exact timing. Threads that it starts later are ordinary.
 std::vector<std::string> request_real_time(int priority);
 
 /// For a thread that does input or output: ordinary priority, and all cores of the machine. The thread that started it

@@ -9,6 +9,27 @@
 #include "runtime/clock.hpp"
 
 namespace softhand {
+namespace {
+
+// Modules find a new process one after another, within half a second and later on a busy machine. A command for all of
+// them takes effect 0.1 s after it was sent (TimeControl), so all must have found this process before. DDS keeps the
+// message for those that come still later.
+void wait_for_readers(const bus::Writer<Message>& writer) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::milliseconds kQuiet{500}, kMost{2000};
+  const Clock::time_point start = Clock::now();
+  Clock::time_point changed = start;
+  int readers = 0;
+  while (Clock::now() < start + kMost && (readers == 0 || Clock::now() < changed + kQuiet)) {
+    if (const int count = writer.reader_count(); count != readers) {
+      readers = count;
+      changed = Clock::now();
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  }
+}
+
+}  // namespace
 
 int run_send(const SendArguments& arguments) {
   Message message;
@@ -25,11 +46,7 @@ int run_send(const SendArguments& arguments) {
   bus::Reader replies(participant, bus::topics::message_reply);
   bus::Writer writer(participant, bus::topics::message);
 
-  // Modules are discovered one after another, also after the message was written. DDS keeps the message and the answers
-  // for late readers during their lifespan.
-  const auto found_by = std::chrono::steady_clock::now() + std::chrono::seconds(2);
-  while (!writer.has_readers() && std::chrono::steady_clock::now() < found_by)
-    std::this_thread::sleep_for(std::chrono::milliseconds(10));
+  wait_for_readers(writer);
   if (!writer.has_readers()) {
     fmt::print(stderr, "softhand send: no module is listening on this domain\n");
     return 1;

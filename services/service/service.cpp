@@ -29,13 +29,19 @@ constexpr int kMostAnswers = 4;  // each time
 // Rate-monotonic priorities: a loop at 1 kHz must not wait for the end of a step of the hand.
 int priority_of(double rate_hz) { return rate_hz >= 500 ? 30 : rate_hz >= 200 ? 25 : 20; }
 
-// The member module_ is initialised before participant_, because the stacks of the DDS threads have the size that is
-// set here.
-std::string with_urgency(const ServiceArguments& arguments, double rate_hz, Urgency urgency) {
-  if (urgency == Urgency::ordinary) return arguments.module;
-  const int priority = arguments.priority ? *arguments.priority : priority_of(rate_hz);
-  for (const std::string& warning : request_real_time(priority))
-    std::fprintf(stderr, "%s: %s\n", arguments.module.c_str(), warning.c_str());
+int priority_of(const ServiceArguments& arguments, double rate_hz, Urgency urgency) {
+  return urgency == Urgency::ordinary ? 0 : arguments.priority.value_or(priority_of(rate_hz));
+}
+
+void warn(const std::string& module, const std::vector<std::string>& warnings) {
+  for (const std::string& warning : warnings) std::fprintf(stderr, "%s: %s\n", module.c_str(), warning.c_str());
+}
+
+// The member module_ is initialised before participant_, because the DDS threads get the stacks and the niceness that
+// are set here.
+std::string prepared(const ServiceArguments& arguments, double rate_hz, Urgency urgency) {
+  if (urgency == Urgency::real_time) warn(arguments.module, lock_memory());
+  if (priority_of(arguments, rate_hz, urgency) > 0) warn(arguments.module, favour_new_threads());
   return arguments.module;
 }
 
@@ -79,8 +85,8 @@ ServiceArguments parse_with(int argc, char** argv, const std::string& role, cons
       });
   app.add_option(
          "--priority", arguments.priority,
-         "Real-time priority of the loop; 0 = ordinary. Default: 30, 25 or 20 by its rate. All other threads are "
-         "ordinary")
+         "Real-time priority of the loop; 0 = ordinary. Default: 30, 25 or 20 by its rate. The threads that receive "
+         "samples have a niceness of -15, and all other threads are ordinary")
       ->check(CLI::Range(0, 99));
   app.add_option("--cores", arguments.cores, "Cores for the loop, e.g. 2 or 0-1,3; default: all")
       ->type_name("LIST")
@@ -149,7 +155,7 @@ TrackingDeviceArguments parse_tracking_device_arguments(int argc, char** argv, c
 }
 
 Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency)
-    : module_(with_urgency(arguments, rate_hz, urgency)),
+    : module_(prepared(arguments, rate_hz, urgency)),
       rate_hz_(rate_hz),
       pacing_(pacing),
       participant_(module_, bus::domain_from_environment(), {}, arguments.role),
@@ -158,6 +164,8 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
       status_writer_(participant_, bus::topics::loop_status),
       clock_id_(clock_id()) {
   // After the threads of DDS have started, because these are for the loop.
+  if (const int priority = priority_of(arguments, rate_hz, urgency); priority > 0)
+    warn(module_, request_real_time(priority));
   if (arguments.cores.empty()) return;
   const cpu_set_t cores = parse_cores(arguments.cores);
   if (sched_setaffinity(0, sizeof cores, &cores) != 0)

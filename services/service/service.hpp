@@ -60,7 +60,8 @@ enum class Pacing {
 
 class Service {
  public:
-  /// Sets the urgency and the cores of the calling thread, which will run the loop. Threads that it starts later are
+  /// Sets the urgency and the cores of the calling thread, which will run the loop. The threads of the participant are
+  /// favoured above other programs, because they receive the loop's samples. Threads that are started later are
   /// ordinary. From here on SIGTERM and SIGINT request a clean stop.
   Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }

@@ -226,11 +226,13 @@ void WorldLoop::take_from_hands(Object& object) {
   object.handed_at = 0;
   object.put = true;
   object.put_at = 0;
+  object.restarted = false;
 }
 
 void WorldLoop::reset(Nanoseconds time) {
   reset_time_ = time;
   restore_all();
+  for (Object& object : objects_) object.restarted = true;
 }
 
 void WorldLoop::restore_all() {
@@ -319,7 +321,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
     wrench.torque += one.torque;
     pulled = true;
   }
-  object.put = object.put && still_held && age_of(object.put_at, now).value_or(0) < kClaimHoldoff;
+  object.put = object.put && (still_held || object.restarted) && age_of(object.put_at, now).value_or(0) < kClaimHoldoff;
   if (symmetric) {
     if (pulled) engine_->apply(slot, wrench);
     return;

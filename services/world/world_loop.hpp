@@ -74,7 +74,8 @@ class WorldLoop {
   const std::vector<ObjectJointDescription>& joint_descriptions() const { return joint_descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
-  /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored.
+  /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored,
+  /// and claims during the first 0.2 s: a hand may receive the reset later, and an object is put where it is.
   void reset(Nanoseconds time);
 
   /// Answers messages. Call between steps. The hand that holds the object releases it. Other keys, and messages to
@@ -111,6 +112,7 @@ class WorldLoop {
     bool stalled = false;
     bool put = false;        ///< moved by a message that the hand which held it may not have received
     Nanoseconds put_at = 0;  ///< time of the first step after the move; 0: no step yet
+    bool restarted = false;  ///< moved by a reset of the world; a hand may receive that reset later
     HandKey owner;
     Nanoseconds handed_at = 0;  ///< when `owner` became the next owner; 0: it knows, and claims the object
     double owner_step = 0;

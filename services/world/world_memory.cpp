@@ -16,6 +16,7 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
     visit(object.stalled);
     visit(object.put);
     visit(object.put_at);
+    visit(object.restarted);
     visit(object.handed_at);
     visit(object.owner);
     visit(object.owner_step);

@@ -1,4 +1,4 @@
-// Two hands with one object: the scenes two_hand_lift and hand_over on the virtual clock.
+// Two hands on the virtual clock: the scenes two_hand_lift and hand_over, and with one process clap and interlaced.
 #include <gtest/gtest.h>
 #include <unistd.h>
 
@@ -65,6 +65,31 @@ TEST(TwoHands, HandABarOver) {
   EXPECT_GT(summary["hands"]["handed_seconds"].get<double>(), 3);
   EXPECT_EQ(simulate("hand_over")["state_hash"], summary["state_hash"]);
 }
+
+// The same box, held by two hands of one process: no patches, and no extrapolation of the other hand.
+TEST(TwoHands, LiftABoxInOneProcess) {
+  const nlohmann::json summary = simulate("two_hand_lift", {"one_process=true", "generator.hold_time=2"});
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+  EXPECT_GT(summary["lifted_mm"].get<double>(), 130);
+  EXPECT_NEAR(summary["hands"]["carried_weight_ratio"].get<double>(), 1, 1e-3);
+  EXPECT_EQ(summary["hand_counters"]["patches_used"], 0);
+}
+
+TEST(TwoHands, ClapInOneProcess) {
+  const nlohmann::json summary = simulate("clap", {"generator.repeats=1"});
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+  EXPECT_GT(summary["skin"]["hand_on_hand_force_max_n"].get<double>(), 10);
+}
+
+// Hands of 400 nodes have too coarse triangles for its penetration.
+TEST(TwoHands, InterlaceTheirFingersInOneProcess) {
+  const nlohmann::json summary = simulate("interlaced", {"generator.hold_time=0.2"}, "right_750.hand.json");
+  EXPECT_TRUE(summary["success"]) << summary["success_because"];
+  EXPECT_GT(summary["skin"]["contacts_max"].get<int>(), 10);
+  EXPECT_EQ(summary["inverted_end"], 0);
+}
+
+TEST(TwoHands, OneProcessIsRefusedForOneHand) { EXPECT_THROW(simulate("pinch", {"one_process=true"}), ConfigError); }
 
 TEST(TwoHands, ASceneWithOneHandHasNoTermForOthers) {
   const nlohmann::json summary = simulate("pinch", {"generator.hold_time=0.1"});

@@ -105,6 +105,33 @@ TEST(WorldCoupling, AnObjectGoesFromTheOwnerToTheHandThatStillTouchesIt) {
   EXPECT_EQ(hands.world.counters().vanished, 0u);
 }
 
+// A reset reaches the processes one after another. A closed hand that does not know it yet finds the cube between its
+// fingers at the old place, and would throw it.
+TEST(WorldCoupling, AfterAResetNoHandGetsAnObjectForATime) {
+  WorldLoop world({}, {table(), cube(0.05, 0.02)});
+  std::array<ObjectCoupling, 1> couplings;
+  couplings[0].step_period = 1.0 / 90;
+  ObjectTwin twin;
+  twin.object = 2;
+  twin.position = {0, 0.02, 0};
+  twin.contact_force = {0, 1, 0};
+  couplings[0].twins.push_back(twin);
+  constexpr Nanoseconds kStep = 4'000'000, kReset = 1'000'000'000;
+  world.reset(kReset);
+  // The hand does not claim the cube before it knows the new place.
+  for (Nanoseconds now = kReset + kStep; now < kReset + 190'000'000; now += kStep) {
+    couplings[0].twins.items[0].owned = now > kReset + 50'000'000 ? 1 : 0;
+    couplings[0].stamp.sample_time = now;
+    ASSERT_EQ(object(world.step(now, {couplings}), 2).owned, 0u) << now;
+  }
+  std::uint32_t owned = 0;
+  for (Nanoseconds now = kReset + 200'000'000; now < kReset + 250'000'000; now += kStep) {
+    couplings[0].stamp.sample_time = now;
+    owned = object(world.step(now, {couplings}), 2).owned;
+  }
+  EXPECT_EQ(owned, 1u);
+}
+
 TEST(WorldCoupling, AnObjectFallsIfTheNextOwnerDoesNotClaimIt) {
   TwoHands hands;
   hands.twin(1).owned = 1;
