@@ -152,7 +152,8 @@ class Writer {
   void set_strength(int strength) noexcept { endpoint_.set_strength(strength); }
   /// True while at least one reader is matched. Loops use it to skip outputs that nobody reads. Descriptions are
   /// written anyway, for late readers.
-  bool has_readers() const noexcept { return endpoint_.reader_count() > 0; }
+  bool has_readers() const noexcept { return reader_count() > 0; }
+  int reader_count() const noexcept { return endpoint_.reader_count(); }
   WriterCounters counters() const noexcept { return endpoint_.counters(); }
 
  private:

@@ -93,6 +93,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("penetration", m.penetration);
   v.field("area", m.area);
   v.field("slip_speed", m.slip_speed);
+  v.field("velocity", m.velocity);
 }
 
 template <typename V, Is<FingerContact> M>
@@ -113,6 +114,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("point", m.point);
   v.field("normal", m.normal);
   v.field("gap", m.gap);
+  v.field("velocity", m.velocity);
 }
 
 template <typename V, Is<Contacts> M>
@@ -301,6 +303,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("contact_stiffness", m.contact_stiffness);
   v.field("contact_damping", m.contact_damping);
   v.field("contact_gap", m.contact_gap);
+  v.field("contact_velocity", m.contact_velocity);
 }
 
 template <typename V, Is<BoneWrench> M>
@@ -308,6 +311,8 @@ constexpr void visit_fields(V&& v, M& m) {
   v.key("hand", m.hand);
   v.field("stamp", m.stamp);
   v.field("simulated_valid", m.simulated_valid);
+  v.field("wrist_velocity", m.wrist_velocity);
+  v.field("wrist_angular_velocity", m.wrist_angular_velocity);
   v.field("bones", m.bones);
 }
 

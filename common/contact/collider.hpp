@@ -110,6 +110,11 @@ class Collider {
   /// The pose in `state`, which for a fixed object is the pose of the step's start.
   const Pose& body_pose(const State& state) const { return state.body_poses[static_cast<std::size_t>(body_)]; }
 
+  /// Velocity of the object at `place`, m/s. Both are in the world.
+  Vector3 velocity_at(const State& state, const Vector3& place) const {
+    const Twist& velocity = state.body_velocities[static_cast<std::size_t>(body_)];
+    return velocity.linear + velocity.angular.cross(place - body_pose(state).position);
+  }
   /// The pose after `seconds` if the object keeps its velocity.
   Pose predicted_pose(const State& state, double seconds) const {
     return advanced(body_pose(state), state.body_velocities[static_cast<std::size_t>(body_)], seconds);

@@ -8,12 +8,12 @@
 namespace softhand {
 
 Contact contact_row(const ContactPoints& points, const ContactAnchor& anchor, const AnchorOffset& o,
-                    const Vector3& position, std::uint32_t object) {
+                    const Vector3& position, std::uint32_t object, const Vector3& velocity) {
   const ContactPoint& point = points[anchor.point];
   Contact contact;
   contact.node = static_cast<std::uint32_t>(points.main_node(anchor.point));
-  contact.body = point.body;
-  contact.finger = static_cast<std::uint32_t>(finger_of(static_cast<Body>(point.body)));
+  contact.body = point.body % kBodyCount;
+  contact.finger = static_cast<std::uint32_t>(finger_of(static_cast<Body>(contact.body)));
   contact.object = object;
   contact.flags = anchor.sliding ? 0u : kContactSticking;
   contact.point = to_wire(Vector3(position - o.offset));
@@ -22,6 +22,7 @@ Contact contact_row(const ContactPoints& points, const ContactAnchor& anchor, co
   contact.penetration = std::max(0.0, -o.depth);
   contact.area = point.area;
   contact.slip_speed = anchor.slip_speed;
+  contact.velocity = to_wire(velocity);
   return contact;
 }
 

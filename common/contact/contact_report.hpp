@@ -11,9 +11,10 @@
 
 namespace softhand {
 
-/// The row of an anchor of the hand's skin. `position`: of the contact point, world. `object`: its id.
+/// The row of an anchor of the hand's skin. `position`: of the contact point, world. `object`: its id. `velocity`: of
+/// the object at the anchor, m/s, world.
 Contact contact_row(const ContactPoints& points, const ContactAnchor& anchor, const AnchorOffset& offset,
-                    const Vector3& position, std::uint32_t object);
+                    const Vector3& position, std::uint32_t object, const Vector3& velocity);
 
 /// Collects the contacts of one hand into a message. Allocates only at construction.
 class ContactReport {

@@ -39,6 +39,11 @@ class Recorder final : public DeviceDriver<Input> {
     written_.assign(commands.begin(), commands.end());
     driver_->write(now, commands);
   }
+  bool release() override {
+    if (!driver_->release()) return false;
+    std::fill(written_.begin(), written_.end(), 0.0);
+    return true;
+  }
 
   bool asks_nan = false;
 
@@ -92,6 +97,8 @@ class Bench {
   void step() {
     ++milliseconds;
     const Nanoseconds now = kStart + milliseconds * kMillisecond;
+    loop->watch(now);
+    if (stands_still) return;
     const bool is_due = speaks && milliseconds * 90 / 1000 != (milliseconds - 1) * 90 / 1000;
     if (is_due) {
       ++input->stamp.sequence;
@@ -123,7 +130,7 @@ class Bench {
   std::unique_ptr<Input> input = std::make_unique<Input>();
   std::int64_t milliseconds = 0;
   double newton = 0;
-  bool speaks = true, hangs = false, has_hand = true;
+  bool speaks = true, hangs = false, has_hand = true, stands_still = false;
 };
 
 }  // namespace conformance_detail
@@ -158,6 +165,7 @@ std::vector<std::string> conformance_faults(const std::function<std::shared_ptr<
       {"no inputs", [](Bench& b) { b.speaks = false; }},
       {"end of the process", [](Bench& b) { b.speaks = false, b.loop->stop(0); }},
       {"exception", [](Bench& b) { b.speaks = false, b.loop = nullptr; }},
+      {"hung loop", [](Bench& b) { b.stands_still = true; }},
   };
   if (is_haptic) {
     ways.push_back({"dead simulation", [](Bench& b) { b.has_hand = false; }});

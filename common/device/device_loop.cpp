@@ -10,9 +10,6 @@
 #include "runtime/clock.hpp"
 
 namespace softhand {
-namespace {
-constexpr double kSecondsPerNanosecond = 1e-9;
-}
 
 void add_closing_resistance(const BoneWrench& input, std::span<double> forces) {
   for (std::size_t b = 2; b < kBodyCount; ++b) {  // after forearm and carpus
@@ -169,6 +166,7 @@ void DeviceGuard::fill_status(LoopStatus& status, Nanoseconds now) const {
 }
 
 void DeviceFeedback<BoneWrench>::measure(Nanoseconds now, HapticDriver& driver, std::span<const double> commands) {
+  now_ = now;
   if (!driver.measure(now, {positions_.data(), actuators_})) {
     motion_.clear();
   } else {
@@ -182,7 +180,7 @@ void DeviceFeedback<BoneWrench>::measure(Nanoseconds now, HapticDriver& driver, 
 }
 
 std::span<const double> DeviceFeedback<BoneWrench>::requested() {
-  model_.evaluate(motion_, requested_);
+  model_.evaluate(now_, motion_, requested_);
   return {requested_.data(), actuators_};
 }
 

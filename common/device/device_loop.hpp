@@ -9,7 +9,9 @@
 // services/tactile (docs/add-a-device.md).
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -18,6 +20,7 @@
 
 #include "device/local_model.hpp"
 #include "device/passivity.hpp"
+#include "messages/convert.hpp"
 #include "messages/followed_writer.hpp"
 #include "messages/messages.hpp"
 #include "runtime/options.hpp"
@@ -34,6 +37,7 @@ struct DeviceLimits {
   /// stably at the rate of its loop. Stiffness 0: no local model.
   double stiffness = 0;
   double damping = 0;
+  bool is_worn = false;  ///< positions are relative to the user's wrist, as those of a glove; otherwise to the room
 };
 
 template <typename InputType>
@@ -57,6 +61,10 @@ class DeviceDriver {
   virtual bool measure_commands(std::span<double>) { return false; }
   /// Sends commands within the limits to the device. Real-time: must not block, allocate or throw.
   virtual void write(Nanoseconds now, std::span<const double> commands) = 0;
+  /// The loop hangs, perhaps in a call of this driver. Another thread calls this, again and again until the loop goes
+  /// on. Lets the device go to zero, with nothing that the loop changes at the same time. Returns true if the device is
+  /// at zero 20 ms later, by this call or by itself. The conformance kit asks for it.
+  virtual bool release() { return false; }
   /// Adds counters of the driver to the status. Must not allocate.
   virtual void fill_status(LoopStatus&) const {}
 };
@@ -187,7 +195,9 @@ class DeviceFeedback<BoneWrench> {
   void measure(Nanoseconds now, HapticDriver& driver, std::span<const double> commands);
   void take(const BoneWrench& input, HapticDriver& driver) { model_.take(input, motion_, driver); }
   std::span<const double> requested();
-  void control(std::span<double> commands) { passivity_.control(commands, motion_, period_); }
+  void control(std::span<double> commands) {
+    passivity_.control(commands, motion_, period_, {requested_.data(), actuators_}, model_.power());
+  }
   void fill_status(LoopStatus& status) const;
 
   const LocalModel& model() const { return model_; }
@@ -201,6 +211,7 @@ class DeviceFeedback<BoneWrench> {
   PassivityControl passivity_;
   ActuatorValues requested_{}, positions_{}, velocities_{}, acted_{};
   bool measures_ = false;
+  Nanoseconds now_ = 0;
   std::uint64_t refused_motion_ = 0;
 };
 
@@ -211,7 +222,8 @@ class DeviceLoop {
              std::uint32_t kind)
       : driver_(std::move(driver)),
         guard_(options, driver_->limits(), device, kind),
-        feedback_(options, driver_->limits()) {}
+        feedback_(options, driver_->limits()),
+        longest_pause_(std::max(kLongestPause, static_cast<Nanoseconds>(3e9 / options.rate_hz))) {}
   /// Sets the commands of the device to zero if `stop` was not called.
   ~DeviceLoop() {
     if (!stopped_) stop(0);
@@ -221,6 +233,10 @@ class DeviceLoop {
 
   /// Runs one step and writes to the device. `input` is the input that arrived since the last step; null = no input.
   const DeviceState& step(Nanoseconds now, const Input* input) {
+    // After a pause the device is at zero, or should be: forces begin again from there.
+    const Nanoseconds last = stepped_.exchange(now);
+    const bool paused = last != 0 && now - last > longest_pause_;
+    if (released_.exchange(0) != 0 || paused) guard_.zero(now);
     feedback_.measure(now, *driver_, guard_.commands());
     if (input != nullptr && guard_.accept(now, input->hand, input->stamp)) {
       feedback_.take(*input, *driver_);
@@ -230,6 +246,19 @@ class DeviceLoop {
     guard_.adjust([this](std::span<double> commands) { feedback_.control(commands); });
     driver_->write(now, guard_.commands());
     return state;
+  }
+  /// A loop that stands still for longer hangs, or for three of its periods if they are longer.
+  static constexpr Nanoseconds kLongestPause = 25'000'000;
+  /// For a thread beside the loop, every few milliseconds: releases the device while the loop hangs.
+  void watch(Nanoseconds now) {
+    const Nanoseconds stepped = stepped_;
+    if (stepped == 0 || stopped_ || now - stepped <= longest_pause_) return;
+    // Again for a device that was just connected, but not so often that packets pile up.
+    const Nanoseconds before = released_;
+    if (before != 0 && now - before < kLongestPause) return;
+    if (!driver_->release()) return;
+    if (before == 0) ++releases_;
+    released_ = now;
   }
   /// Sets the commands of the device to zero: on exit, also by signal.
   const DeviceState& stop(Nanoseconds now) {
@@ -242,6 +271,7 @@ class DeviceLoop {
   void fill_status(LoopStatus& status, Nanoseconds now) const {
     guard_.fill_status(status, now);
     feedback_.fill_status(status);
+    add_counter(status, "released", static_cast<double>(releases_));
   }
   const DeviceCounters& counters() const { return guard_.counters(); }
   /// Commands of the last step.
@@ -253,7 +283,12 @@ class DeviceLoop {
   DeviceGuard guard_;
   DeviceFeedback<Input> feedback_;
   bool source_live_ = false;
-  bool stopped_ = false;
+  Nanoseconds longest_pause_;
+  // Shared with the thread that watches.
+  std::atomic<bool> stopped_{false};
+  std::atomic<Nanoseconds> stepped_{0};   // start of the last step
+  std::atomic<Nanoseconds> released_{0};  // last release since the last step; 0 = none
+  std::atomic<std::uint64_t> releases_{0};
 };
 
 }  // namespace softhand

@@ -48,6 +48,8 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   void write(Nanoseconds now, std::span<const double> commands) override {
     forces_.store({now, {commands[0], commands[1], commands[2]}});
   }
+  /// The thread of the device sees that the loop stands still: `force`.
+  bool release() override { return true; }
 
  protected:
   GroundedDevice(const GroundedPointOptions& options, const HandModel& hand) : point_(options, hand) {}

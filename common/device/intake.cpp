@@ -223,6 +223,11 @@ class Intake::Impl {
     const speed_t speed = termios_speed(baud);
     ports_.push_back({[path, speed] { return open_port(path, speed); }, false, framing, "", {}, 0, 0});
   }
+  void set_release(std::string bytes) { release_packet_ = std::move(bytes); }
+  void release() {
+    is_released_ = true;
+    wake();
+  }
   void start() {
     has_datagrams_ = !datagrams_.empty();
     thread_ = std::thread([this] {
@@ -299,15 +304,8 @@ class Intake::Impl {
       [[maybe_unused]] const ssize_t ignored = read(wake_.number(), &wakes, sizeof wakes);
       // A packet that was pushed before `stop_` was set is taken below.
       const bool ends = stop_;
-      outgoing_.take([this](const Arrival& packet) {
-        for (Stream& stream : streams_)
-          if (packet.connection == 0 || packet.connection == stream.id) enqueue(stream, packet.bytes);
-        for (const Datagrams& each : datagrams_) {
-          if (packet.connection != 0 || !each.sends) continue;
-          sendto(each.socket.number(), packet.bytes.data(), packet.bytes.size(), MSG_DONTWAIT, each.server.pointer(),
-                 each.server.size);
-        }
-      });
+      outgoing_.take([this](const Arrival& packet) { send_now(packet.connection, packet.bytes); });
+      if (is_released_.exchange(false)) send_now(0, release_packet_);
       for (Stream& stream : streams_) write_bytes(stream);
       if (ends) return write_last();
       std::size_t at = 1;
@@ -322,6 +320,14 @@ class Intake::Impl {
     }
   }
 
+  void send_now(std::uint64_t connection, std::string_view bytes) {
+    for (Stream& stream : streams_)
+      if (connection == 0 || connection == stream.id) enqueue(stream, bytes);
+    for (const Datagrams& each : datagrams_) {
+      if (connection != 0 || !each.sends) continue;
+      sendto(each.socket.number(), bytes.data(), bytes.size(), MSG_DONTWAIT, each.server.pointer(), each.server.size);
+    }
+  }
   void enqueue(Stream& stream, std::string_view bytes) {
     if (stream.is_connecting) return;
     if (!stream.next.empty()) ++superseded_;
@@ -516,7 +522,8 @@ class Intake::Impl {
   std::uint64_t last_id_ = 0;
   // Written by the thread, read by `counters`.
   std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0}, superseded_{0};
-  std::atomic<bool> stop_{false};
+  std::atomic<bool> stop_{false}, is_released_{false};
+  std::string release_packet_;
   std::thread thread_;
 };
 
@@ -552,6 +559,8 @@ void Intake::fill_status(LoopStatus& status) const {
   add_counter(status, "refused_cut", static_cast<double>(now.refused_cut));
 }
 void Intake::send(std::uint64_t connection, std::string_view bytes) { impl_->send(connection, bytes); }
+void Intake::set_release(std::string bytes) { impl_->set_release(std::move(bytes)); }
+void Intake::release() { impl_->release(); }
 ArrivalQueue& Intake::queue() { return impl_->queue(); }
 
 }  // namespace softhand

@@ -62,6 +62,8 @@ class Intake {
   void open_serial(const std::string& path, std::int64_t baud, Framing framing);
   /// See Translate. Call it before `start`.
   void translate(Translate translate);
+  /// The packet of `release`, at most `largest` bytes. Call it before `start`.
+  void set_release(std::string bytes);
   /// Starts the thread.
   void start();
 
@@ -74,6 +76,9 @@ class Intake {
   /// For a device that does not take its bytes in time only the newest packet waits. The destructor waits up to 50 ms
   /// for the last one. Does not block or allocate. One thread may call it.
   void send(std::uint64_t connection, std::string_view bytes);
+  /// Writes the packet of `set_release` to all connections, before packets that wait. Any thread may call it, also
+  /// beside `send`. Does not block or allocate.
+  void release();
   /// False if no packet can arrive now: nothing listens to UDP, and nothing is connected.
   bool connected() const;
   Counters counters() const;

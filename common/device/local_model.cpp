@@ -12,6 +12,8 @@ namespace {
 
 // A contact point farther from the joint of its bone is absurd, m.
 constexpr double kReach = 1;
+// The surface of an older message stands still from then on, s. Commands are zero soon after (DeviceLoopOptions).
+constexpr double kLongestTravel = 0.05;
 
 bool has_plane(const BoneSample& bone) { return bone.contact_normal != Vec3{} || bone.contact_stiffness != 0; }
 
@@ -20,8 +22,15 @@ bool is_plausible(const BoneSample& bone) {
   const auto within = [](double value, double most) { return value >= 0 && value <= most; };
   return std::abs(to_vector(bone.contact_normal).norm() - 1) <= 0.01 &&
          within(bone.contact_stiffness, kMaxContactStiffness) && within(bone.contact_damping, kMaxContactDamping) &&
-         std::abs(bone.contact_gap) <= kMaxContactGap &&
+         std::abs(bone.contact_gap) <= kMaxContactGap && to_vector(bone.contact_velocity).norm() <= kMaxContactSpeed &&
          (to_vector(bone.contact_point) - to_vector(bone.tracked_position)).norm() <= kReach;
+}
+
+// Velocity of a point that moves rigidly with the wrist, m/s. Like that of the objects, it is of the simulation, so the
+// noise of a tracker does not become a relative velocity.
+Vector3 carrying_velocity(const BoneWrench& input, const Vector3& point) {
+  const Vector3 wrist = to_vector(input.bones[static_cast<std::size_t>(index_of(Body::carpus))].simulated_position);
+  return to_vector(input.wrist_velocity) + to_vector(input.wrist_angular_velocity).cross(point - wrist);
 }
 
 }  // namespace
@@ -85,12 +94,17 @@ ActuatorValues DeviceMotion::velocities() const {
 }
 
 LocalModel::LocalModel(const DeviceLimits& limits)
-    : actuators_(limits.actuators), largest_stiffness_(limits.stiffness), largest_damping_(limits.damping) {}
+    : actuators_(limits.actuators),
+      largest_stiffness_(limits.stiffness),
+      largest_damping_(limits.damping),
+      is_worn_(limits.is_worn) {}
 
 void LocalModel::take(const BoneWrench& input, const DeviceMotion& motion, HapticDriver& driver) {
   count_ = 0;
   held_.fill(0);
+  power_ = 0;
   input_ = input;
+  sample_time_ = input.stamp.sample_time;
   if (!motion.empty() && largest_stiffness_ > 0) {
     origin_ = motion.at(input.stamp.sample_time);
     for (BoneSample& bone : input_.bones) bone.coupling_force = bone.coupling_torque = {};
@@ -104,11 +118,15 @@ void LocalModel::take(const BoneWrench& input, const DeviceMotion& motion, Hapti
       plane.force = touches ? plane.held : -bone.contact_stiffness * bone.contact_gap;
       plane.stiffness = bone.contact_stiffness;
       plane.damping = bone.contact_damping;
+      Vector3 velocity = to_vector(bone.contact_velocity);
+      if (is_worn_) velocity -= carrying_velocity(input, to_vector(bone.contact_point));
+      plane.speed = velocity.dot(normal);
       input_.bones[b].coupling_force = bone.contact_normal;
       driver.command(input_, {plane.row.data(), actuators_});
       input_.bones[b].coupling_force = {};
       const double size = std::inner_product(plane.row.begin(), plane.row.end(), plane.row.begin(), 0.0);
-      if (!is_plausible(bone) || !std::isfinite(plane.force) || !std::isfinite(size)) {
+      if (!is_plausible(bone) || !std::isfinite(plane.force) || !std::isfinite(size) ||
+          !(std::abs(plane.speed) <= kMaxContactSpeed)) {
         ++refused_;
         continue;
       }
@@ -151,18 +169,23 @@ void LocalModel::limit_gains() {
   }
 }
 
-void LocalModel::evaluate(const DeviceMotion& motion, std::span<double> requested) const {
+void LocalModel::evaluate(Nanoseconds now, const DeviceMotion& motion, std::span<double> requested) {
   std::copy_n(held_.begin(), actuators_, requested.begin());
+  power_ = 0;
   if (count_ == 0) return;
   const bool measures = !motion.empty();
   const ActuatorValues velocities = motion.velocities();
+  const double elapsed = std::clamp(static_cast<double>(now - sample_time_) * 1e-9, 0.0, kLongestTravel);
   for (std::size_t p = 0; p < count_; ++p) {
     const Plane& plane = planes_[p];
     double force = plane.force;
+    if (measures) force += plane.speed * (plane.stiffness * elapsed + plane.damping);
     for (std::size_t i = 0; i < actuators_ && measures; ++i) {
       force -= plane.row[i] * (plane.stiffness * (motion.positions()[i] - origin_[i]) + plane.damping * velocities[i]);
     }
-    for (std::size_t i = 0; i < actuators_; ++i) requested[i] += plane.row[i] * std::max(0.0, force);
+    force = std::max(0.0, force);
+    if (!is_worn_) power_ += force * plane.speed;
+    for (std::size_t i = 0; i < actuators_; ++i) requested[i] += plane.row[i] * force;
   }
 }
 

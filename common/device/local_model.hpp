@@ -4,11 +4,13 @@
 // is too large while the user lets go. So the model evaluates the contact planes of the message (BoneSample) at the
 // motion that the device measures itself:
 //
-//   u(q) = u_held + sum over planes p of  r_p max(0, f_p - k_p r_p . (q - q_0) - b_p r_p . v)
+//   u(q) = u_held + sum over planes p of  r_p max(0, f_p - k_p (r_p . (q - q_0) - w_p t) - b_p (r_p . v - w_p))
 //
 // Positions of the actuators are q, with velocity v. They were q_0 at the sample time of the message, so neither the
 // age of the message nor its jitter changes the place of the plane. The row r_p has the commands of a unit force along
-// the normal. The force of the message along the normal is f_p, its remainder gives u_held.
+// the normal. The force of the message along the normal is f_p, its remainder gives u_held. The touched surface moves
+// along the normal with the speed w_p, and t is the time since the sample time. Speeds are against what carries the
+// device: the room, or the user's wrist (DeviceLimits::is_worn).
 #pragma once
 
 #include <array>
@@ -48,6 +50,8 @@ class DeviceMotion {
     has_velocities_ = false;
   }
   bool empty() const { return count_ == 0; }
+  /// True if the step to the newest sample is known.
+  bool has_step() const { return count_ > 1; }
   /// The newest sample. The motion must not be empty.
   const ActuatorValues& positions() const { return sample(0).positions; }
   /// Change from the sample before to the newest one, m, or that change some steps ago. Zero without these samples.
@@ -80,7 +84,11 @@ class LocalModel {
   /// device that renders no stiffness, all forces are held. Real-time.
   void take(const BoneWrench& input, const DeviceMotion& motion, HapticDriver& driver);
   /// Writes the commands at the newest motion. Real-time.
-  void evaluate(const DeviceMotion& motion, std::span<double> requested) const;
+  void evaluate(Nanoseconds now, const DeviceMotion& motion, std::span<double> requested);
+  /// Power that the moving surfaces give to the user with the commands of the last `evaluate`, W: the sum of force
+  /// times w. Negative: they recede. Zero for a device that is worn: there w is mostly the noise of a tracker, and the
+  /// square of noise is not zero on average.
+  double power() const { return power_; }
 
   std::size_t planes() const { return count_; }
   /// Number of planes that were refused.
@@ -89,12 +97,15 @@ class LocalModel {
  private:
   struct Plane {
     ActuatorValues row{};
-    double held = 0, force = 0, stiffness = 0, damping = 0;
+    double held = 0, force = 0, stiffness = 0, damping = 0, speed = 0;
   };
   void limit_gains();
 
   std::size_t actuators_;
   double largest_stiffness_, largest_damping_;
+  bool is_worn_;
+  Nanoseconds sample_time_ = 0;
+  double power_ = 0;
   ActuatorValues held_{};
   ActuatorValues origin_{};
   std::array<Plane, kBodyCount> planes_{};

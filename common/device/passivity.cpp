@@ -23,12 +23,34 @@ void PassivityControl::observe(std::span<const double> commands, const DeviceMot
     energy_ -= commands[i] * step[i];
     energy_without_ -= passed_[i] * step[i];
   }
+  if (motion.has_step()) {
+    energy_ += supply_;
+    energy_without_ += supply_without_;
+  }
+  supply_ = supply_without_ = 0;
   lowest_ = std::min(lowest_, energy_);
 }
 
-void PassivityControl::control(std::span<double> commands, const DeviceMotion& motion, double seconds) {
+void PassivityControl::control(std::span<double> commands, const DeviceMotion& motion, double seconds,
+                               std::span<const double> requested, double power) {
   std::copy_n(commands.begin(), actuators_, passed_.begin());
   if (motion.empty()) return;
+  // Commands that the limits of the device made weaker get a part of the power.
+  const auto supply = [&] {
+    double dot = 0, size = 0;
+    for (std::size_t i = 0; i < actuators_; ++i) {
+      dot += commands[i] * requested[i];
+      size += requested[i] * requested[i];
+    }
+    return size > 0 ? std::clamp(dot / size, 0.0, 1.0) * power * seconds : 0.0;
+  };
+  supply_without_ = supply();
+  weaken(commands, motion, seconds, energy_ + kAllowance + supply_without_);
+  supply_ = supply();
+}
+
+void PassivityControl::weaken(std::span<double> commands, const DeviceMotion& motion, double seconds,
+                              double available) {
   const ActuatorValues velocities = motion.velocities(), step = motion.step(), before = motion.step(1);
   // The most work that a command can do in the next step. The mean motion is late after a reversal. The last step, also
   // with its acceleration, is not, but has the resolution of the sensor. Whatever gives the user most counts. Without a
@@ -39,7 +61,6 @@ void PassivityControl::control(std::span<double> commands, const DeviceMotion& m
     if (mean < 0 && newest <= 0) return mean;
     return std::max({mean, newest, std::abs(commands[i]) * resolution_[i]});
   };
-  const double available = energy_ + kAllowance;
   double given = 0, taken = 0, speed = 0;
   const auto exceeds = [&] {
     given = taken = 0;

@@ -560,7 +560,10 @@ double ContactSet::penetration_quantile(const State& state, double fraction) {
 void ContactSet::write(const State& state, ContactReport& report, Contacts& out) const {
   for (const Anchor& anchor : anchors_) {
     const Vector3 place = position(anchor, state);
-    report.add(contact_row(points_, anchor, offset(anchor, state), place, at(anchor.slot).id), place, anchor.slot, out);
+    const Offset o = offset(anchor, state);
+    const Slot& slot = at(anchor.slot);
+    const Vector3 velocity = slot.collider.velocity_at(state, place - o.offset);
+    report.add(contact_row(points_, anchor, o, place, slot.id, velocity), place, anchor.slot, out);
   }
 }
 
@@ -573,14 +576,20 @@ void ContactSet::write_near(const State& state, Contacts& out) const {
     const Pose pose = slot.collider.body_pose(state), back = pose.inverse();
     candidates_.groups().for_each_near(*slot.collider.geometry(), pose, near_gap, [&](std::int32_t point) {
       if (point >= points_.count()) return;
-      NearContact& near = nearest[points_[point].body];
+      const std::uint32_t bone = points_[point].body % kBodyCount;
+      NearContact& near = nearest[bone];
       if (near.gap == 0) return;
       const Vector3 place = points_.at(point, state.node_positions);
       const SurfacePoint surface = slot.collider.closest(back * place);
       if (!(surface.distance > 0) || surface.distance >= near.gap) return;
       const Vector3 normal = pose.orientation * surface.normal;
-      near = {points_[point].body, slot.id, to_wire(Vector3(place - surface.distance * normal)), to_wire(normal),
-              surface.distance};
+      const Vector3 touched = place - surface.distance * normal;
+      near = {bone,
+              slot.id,
+              to_wire(touched),
+              to_wire(normal),
+              surface.distance,
+              to_wire(slot.collider.velocity_at(state, touched))};
     });
   }
   out.near.clear();

@@ -19,6 +19,7 @@
 namespace softhand {
 
 using Nanoseconds = std::int64_t;
+constexpr double kSecondsPerNanosecond = 1e-9;
 
 /// Vector with in-place storage for `capacity` values: a sequence on the wire, without allocation.
 template <typename T, std::size_t capacity>
@@ -131,6 +132,7 @@ struct Contact {
   double penetration = 0;    ///< m, max(0, n . (x_a - x_n))
   double area = 0;           ///< m^2 of skin around the contact point
   double slip_speed = 0;     ///< speed of the anchor on the object, m/s
+  Vec3 velocity{};           ///< of the object's surface at `point`, m/s, world
 };
 
 inline constexpr std::size_t kMaxContacts = 512;
@@ -150,6 +152,7 @@ struct NearContact {
   Vec3 point{};              ///< on the object's surface, world
   Vec3 normal{};             ///< unit, outward of the object, world
   double gap = 0;            ///< m from the skin to the surface, > 0
+  Vec3 velocity{};           ///< of the object's surface at `point`, m/s, world
 };
 struct Contacts {
   HandKey hand;
@@ -352,7 +355,8 @@ struct BoneSample {
   Vec3 contact_force{};    ///< sum of contact-point forces on this bone's tissue, N
   /// Local model: what the bone feels of its contacts until the next message. `coupling_force` is valid at the tracked
   /// pose and at `stamp.sample_time`. If the user's bone moves by d from there, with velocity v, the part of the force
-  /// along the normal n changes by -(contact_stiffness n . d + contact_damping n . v). It never pulls.
+  /// along the normal n changes by -(contact_stiffness n . (d - w t) + contact_damping n . (v - w)). The surface moves
+  /// with velocity w, and t is the time since the sample time. The force never pulls.
   Vec3 contact_point{};          ///< world, centre of pressure of the bone's contacts
   Vec3 contact_normal{};         ///< unit, world, from the objects to the bone; 0 = no local model
   double contact_stiffness = 0;  ///< N/m, 0 to kMaxContactStiffness
@@ -360,14 +364,18 @@ struct BoneSample {
   /// 0: the bone touches. Otherwise the bone is near an object: the plane does not push before the bone has moved this
   /// far against the normal, m. Negative: the user is already beyond it. Amount at most kMaxContactGap.
   double contact_gap = 0;
+  Vec3 contact_velocity{};  ///< w, world, of the objects' surface at the contact point, m/s. At most kMaxContactSpeed
 };
 inline constexpr double kMaxContactStiffness = 1e5;
 inline constexpr double kMaxContactDamping = 1e3;
 inline constexpr double kMaxContactGap = 0.05;
+inline constexpr double kMaxContactSpeed = 5;
 struct BoneWrench {
   HandKey hand;
   Stamp stamp;
   std::uint32_t simulated_valid = 0;  ///< 0: no fresh simulated skeleton, forces are zero
+  Vec3 wrist_velocity{};              ///< of the simulated wrist, m/s, world: for devices that the hand carries
+  Vec3 wrist_angular_velocity{};      ///< the same, rad/s
   std::array<BoneSample, kBodyCount> bones;
 };
 

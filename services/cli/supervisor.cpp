@@ -150,7 +150,8 @@ void end_orphans() {
 
 // The process of a guard. All signals are blocked. It passes on the signals of the supervisor, because it alone knows
 // for sure whether the child still exists. Its number is also that of the group.
-[[noreturn]] void guard(char* const* command, pid_t supervisor, int output, int report, const sigset_t& signals) {
+[[noreturn]] void guard(char* const* command, pid_t supervisor, int output, int report, const sigset_t& signals,
+                        bool may_stop) {
   setpgid(0, 0);
   prctl(PR_SET_NAME, "softhand-guard");
   prctl(PR_SET_CHILD_SUBREAPER, 1);
@@ -178,8 +179,12 @@ void end_orphans() {
         break;
       case SIGCHLD: {
         int status = 0;
-        for (pid_t ended; (ended = waitpid(-1, &status, WNOHANG)) > 0;) {
-          if (ended != child) continue;
+        for (pid_t changed; (changed = waitpid(-1, &status, WNOHANG | WUNTRACED)) > 0;) {
+          if (changed != child) continue;
+          if (WIFSTOPPED(status)) {
+            if (!may_stop) kill(child, SIGKILL);
+            continue;
+          }
           end_orphans();
           end_like(status);
         }
@@ -225,7 +230,8 @@ void Supervisor::launch(Child& child) {
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
   const pid_t own_guard = fork();
-  if (own_guard == 0) guard(arguments.data(), supervisor, ends[1], report[1], before);
+  if (own_guard == 0)
+    guard(arguments.data(), supervisor, ends[1], report[1], before, child.spec.stop != StopTurn::first);
   const int error = errno;
   pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(ends[1]), close(report[1]);

@@ -3,7 +3,8 @@
 //
 // Each child has a process group of its own and a guard: a small process that is its parent. The programs that a child
 // starts end with it, also those that leave its group and session, because the kernel hands orphans to the guard. If
-// the supervisor itself dies, the guard stops the child.
+// the supervisor itself dies, the guard stops the child. It kills a device that was stopped (SIGSTOP), because a
+// process that stands still leaves its last force on the user.
 #pragma once
 
 #include <sys/types.h>

@@ -2,7 +2,12 @@
 // also tracks: `run_tracking_device<MyGlove>(argc, argv, "haptic-my-glove")`.
 #pragma once
 
+#include <chrono>
+#include <thread>
+
 #include "device/device_loop.hpp"
+#include "runtime/clock.hpp"
+#include "runtime/scheduling.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "service/tracker_service.hpp"
@@ -16,7 +21,7 @@ inline constexpr std::uint32_t kind_of(const BoneWrench*) { return 0; }
 inline constexpr std::uint32_t kind_of(const SkinTraction*) { return 1; }
 
 /// The side of a device that pushes or touches: subscribes to its input, runs the safety loop around the driver, and
-/// publishes its commands.
+/// publishes its commands. A thread of its own lets the device go while this loop hangs.
 template <typename Input>
 class DeviceFace {
  public:
@@ -26,7 +31,11 @@ class DeviceFace {
         hand_(hand),
         reader_(service.participant(), topic_of(kInput), hand),
         writer_(service.participant(), bus::topics::device_state),
-        loop_(options, std::move(driver), device, kind_of(kInput)) {}
+        loop_(options, std::move(driver), device, kind_of(kInput)),
+        watch_([this](const std::stop_token& stop) {
+          become_ordinary();
+          for (; !stop.stop_requested(); std::this_thread::sleep_for(kWatchPeriod)) loop_.watch(softhand::now());
+        }) {}
 
   void step(Nanoseconds now) {
     const DeviceState& state = loop_.step(now, reader_.take_latest(*input_) ? input_.get() : nullptr);
@@ -42,6 +51,7 @@ class DeviceFace {
 
  private:
   static constexpr const Input* kInput = nullptr;
+  static constexpr std::chrono::milliseconds kWatchPeriod{5};
   void publish(DeviceState state) {
     service_.stamp(state.stamp);
     state.hand = hand_;
@@ -54,6 +64,7 @@ class DeviceFace {
   bus::Writer<DeviceState> writer_;
   DeviceLoop<Input> loop_;
   std::unique_ptr<Input> input_ = std::make_unique<Input>();
+  std::jthread watch_;  // last: it uses loop_
 };
 
 /// The driver is made from its options, and from the hand of the scene if it takes one.

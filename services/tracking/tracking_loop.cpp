@@ -322,6 +322,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   } else if (is_usable(input.contacts)) {
     bone_contacts_ = sum_contacts(*input.contacts);
     contacts_arrival_ = now;
+    contacts_time_ = input.contacts->stamp.sample_time;
   }
 
   const std::array<BodyTarget, kBodyCount>& targets = input_.targets(now);
@@ -400,6 +401,11 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
   out.simulated_valid = simulated_fresh ? 1 : 0;
   const bool contacts_fresh =
       simulated_fresh && age_of(contacts_arrival_, now).value_or(0) <= options_.simulated_stale_after;
+  const double contacts_age = std::min(age_of(contacts_time_, now).value_or(0), options_.input.extrapolation_limit);
+  const Bone& carpus = bones_[static_cast<std::size_t>(index_of(Body::carpus))];
+  const Twist wrist = simulated_fresh && carpus.simulated_seen ? carpus.simulated_velocity : Twist{};
+  out.wrist_velocity = to_wire(wrist.linear);
+  out.wrist_angular_velocity = to_wire(wrist.angular);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const Bone& bone = bones_[b];
     BoneSample& sample = out.bones[b];
@@ -424,7 +430,7 @@ void TrackingLoop::publish_wrench(Nanoseconds now, const std::array<BodyTarget, 
     sample.contact_force = to_wire(bone_contacts_[b].force);
     const BoneCoupling coupling{spring.stiffness, spring.cap, bone.mass / options_.mass_fraction};
     write_local_model(bone_contacts_[b], coupling, stretch.norm(), bone.pose.position - bone.simulated.position,
-                      sample);
+                      contacts_age, sample);
   }
 }
 

@@ -75,6 +75,7 @@ class TrackingLoop {
     visit(self.bone_contacts_);
     visit(self.simulated_arrival_);
     visit(self.contacts_arrival_);
+    visit(self.contacts_time_);
     visit(self.simulated_stamp_);
     visit(self.simulated_any_);
     visit(self.reposition_asked_);
@@ -154,6 +155,7 @@ class TrackingLoop {
   BoneContacts bone_contacts_{};
   Nanoseconds simulated_arrival_ = 0;
   Nanoseconds contacts_arrival_ = 0;
+  Nanoseconds contacts_time_ = 0;  // sample time
   Stamp simulated_stamp_;
   bool simulated_any_ = false;
   bool reposition_asked_ = false;

@@ -11,6 +11,7 @@
 
 #include "device/health.hpp"
 #include "haptics/opengloves/simulated_glove.hpp"
+#include "support/hung_loop.hpp"
 #include "support/tracker_process.hpp"
 
 namespace softhand {
@@ -194,6 +195,17 @@ TEST_F(OpenGlovesProcess, ForcesReachTheGloveAndEveryEndIsZero) {
   const double silent = milliseconds_until_free(*glove, now());
   std::printf("silence: zero after %.1f ms\n", silent);
   EXPECT_LT(silent, 80);
+
+  // The loop hangs while the simulation and the glove go on: zero after some 30 ms. Two ordinary threads do it, so a
+  // busy machine needs longer. Without them the force would stay.
+  ASSERT_TRUE(push(*glove, 2, [&] { return glove->forces()[1] == 500; }));
+  {
+    const Nanoseconds hung = now();
+    const testing::HungLoop loop(driver_->id());
+    const double released = milliseconds_until_free(*glove, hung);
+    std::printf("hung loop: zero after %.1f ms\n", released);
+    EXPECT_LT(released, 200);
+  }
 
   // A glove that comes back gets forces on its new connection.
   ASSERT_TRUE(push(*glove, 2, [&] { return glove->forces()[1] == 500; }));

@@ -10,7 +10,7 @@
 namespace softhand::stress {
 namespace {
 
-constexpr double kFollows = 15e-3;  // m, distance between simulated and tracked wrist at the end
+constexpr double kWristFollows = 15e-3;  // m, distance between simulated and tracked wrist at the end
 const std::size_t kWrist = static_cast<std::size_t>(index_of(Joint::wrist));
 const std::size_t kIndex = static_cast<std::size_t>(index_of(Joint::index_intermediate));
 
@@ -47,7 +47,7 @@ Grasped run_faulty(Grasp setting, bool follow = true) {
   Grasped result = grasp(setting);
   if (follow)
     result.findings.demand("follows", "distance between simulated and tracked wrist at the end",
-                           (reached - to_vector(target)).norm() * 1e3, kFollows * 1e3, "mm");
+                           (reached - to_vector(target)).norm() * 1e3, kWristFollows * 1e3, "mm");
   return result;
 }
 
@@ -157,6 +157,14 @@ Findings dropout() {
   Grasped result = run_faulty(setting);
   result.demand_slow_cube();
   return result.findings;
+}
+
+// Samples are missing again and again, while the hand grasps, lifts and holds.
+Findings gaps(double seconds) {
+  Grasp setting;
+  setting.seconds = 3;
+  setting.overrides = {"tracker.dropout_period=0.5", fmt::format("tracker.dropout_time={}", seconds)};
+  return run_faulty(setting).findings;
 }
 
 Findings tracker_rate(double rate) {
@@ -298,6 +306,8 @@ std::vector<Case> tracker_cases() {
       .push_back({"2 s", [] { return freeze(); }, {}, true});
   cases.add("dropout", "no samples for 2 s, then the hand is 0.3 m away, and the cube stays below 5 m/s")
       .push_back({"2 s", [] { return dropout(); }});
+  cases.add("gaps", "samples are missing at the end of each half second, and the cube is lifted and held")
+      .push_back({"100 ms", [] { return gaps(0.1); }, {}, true});
   rows = &cases.add("tracker_rate", "the cube is lifted and held");
   for (const double rate : {10.0, 90.0, 500.0, 1000.0})
     rows->push_back({named("rate", rate, "Hz"), [rate] { return tracker_rate(rate); }, {}, rate == 10});

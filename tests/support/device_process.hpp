@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "device/health.hpp"
+#include "support/hung_loop.hpp"
 #include "support/tracker_process.hpp"
 
 namespace softhand::testing {
@@ -72,8 +73,8 @@ class DeviceProcess : public ::testing::Test {
     while (!is_off() && now() - since < 1'000'000'000) std::this_thread::yield();
     return static_cast<double>(now() - since) * 1e-6;
   }
-  /// Checks and prints how soon the device is off: motors off, a silent simulation, SIGTERM. `pushes`: the device
-  /// renders the input. The process ends.
+  /// Checks and prints how soon the device is off: motors off, a silent simulation, a loop that hangs, SIGTERM.
+  /// `pushes`: the device renders the input. The process ends.
   template <typename Pushes, typename IsOff>
   void check_every_end(const Pushes& pushes, const IsOff& is_off) {
     ASSERT_TRUE(push(pushes));
@@ -88,6 +89,14 @@ class DeviceProcess : public ::testing::Test {
     std::printf("%s, silence: zero after %.1f ms\n", module_.c_str(), silence);
     EXPECT_LT(silence, 100);
     ASSERT_TRUE(push(pushes));
+    {
+      const Nanoseconds hung = now();
+      const HungLoop loop(driver_->id());
+      const double released = milliseconds_until(is_off, hung);
+      std::printf("%s, hung loop: zero after %.1f ms\n", module_.c_str(), released);
+      EXPECT_LT(released, 200);  // 50 ms; the machine may be busy
+    }
+    ASSERT_TRUE(push(pushes));  // the loop goes on
     const Nanoseconds stopped = now();
     kill(driver_->id(), SIGTERM);
     std::printf("%s, SIGTERM: zero after %.1f ms\n", module_.c_str(), milliseconds_until(is_off, stopped));

@@ -230,6 +230,24 @@ TEST_F(SupervisorTest, ASilentChildThatIgnoresSigtermIsKilled) {
   EXPECT_EQ(lines_with("killed by signal 9").size(), 1u);
 }
 
+TEST_F(SupervisorTest, AStoppedDeviceIsReplacedAtOnce) {
+  ChildSpec device = shell("glove", "echo up; exec sleep 600");
+  device.stop = StopTurn::first;
+  device.longest_silence = milliseconds(60000);
+  supervisor_.start(device);
+  supervisor_.start(shell("tracker", "echo up; exec sleep 600"));
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 2; }));
+  const auto stopped_at = Clock::now();
+  kill(supervisor_.process_id("tracker"), SIGSTOP);
+  kill(supervisor_.process_id("glove"), SIGSTOP);
+  EXPECT_TRUE(poll_until([this] { return lines_with("up").size() == 3; }));
+  std::printf("up again %.0f ms after SIGSTOP\n",
+              std::chrono::duration<double, std::milli>(Clock::now() - stopped_at).count());
+  EXPECT_EQ(supervisor_.restarts("glove"), 1u);
+  EXPECT_EQ(supervisor_.restarts("tracker"), 0u) << "only devices must not stand still";
+  kill(supervisor_.process_id("tracker"), SIGCONT);
+}
+
 // After a pause of the whole machine, or of the supervisor, its children have not been silent.
 TEST_F(SupervisorTest, APauseOfTheSupervisorIsNoSilence) {
   ChildSpec child = shell("healthy", "echo up; exec sleep 600");

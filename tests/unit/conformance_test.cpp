@@ -110,6 +110,7 @@ class Silent : public HapticDriver {
   DeviceLimits limits() const override { return {1, 0, 1, 100}; }
   void command(const BoneWrench&, std::span<double>) override {}
   void write(Nanoseconds, std::span<const double>) override {}
+  bool release() override { return true; }
 };
 class Norm final : public Silent {
  public:
@@ -117,6 +118,19 @@ class Norm final : public Silent {
     requested[0] = to_vector(input.bones[2].coupling_force).norm();
   }
 };
+class Stuck final : public HapticDriver {
+ public:
+  DeviceLimits limits() const override { return {1, 0, 1, 100}; }
+  void command(const BoneWrench& input, std::span<double> requested) override {
+    requested[0] = input.bones[2].coupling_force[1];
+  }
+  void write(Nanoseconds, std::span<const double>) override {}
+};
+TEST(Conformance, FindsDriversThatKeepTheirForceWhileTheLoopHangs) {
+  const std::string text = text_of<BoneWrench>([] { return std::make_shared<Stuck>(); });
+  EXPECT_NE(text.find("pressing, hung loop: a command is not zero after 50 ms\n"), std::string::npos) << text;
+  EXPECT_EQ(text.find("motors off"), std::string::npos) << text;
+}
 TEST(Conformance, FindsDriversThatFeelNothingOrAreNotLinear) {
   EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<Silent>(); }).find("no command while pressing"), 0u);
   EXPECT_EQ(text_of<BoneWrench>([] { return std::make_shared<Norm>(); }),

@@ -13,6 +13,7 @@
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "support/block_hand.hpp"
+#include "support/counters.hpp"
 #include "support/press.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 
@@ -24,6 +25,7 @@ constexpr Nanoseconds kStart = 5'000 * kMillisecond;
 
 struct Written {
   std::vector<std::vector<double>> commands;
+  int releases = 0;
 };
 
 // Wants to render the x-force of the first two bones.
@@ -37,6 +39,10 @@ class FakeDriver : public HapticDriver {
   }
   void write(Nanoseconds, std::span<const double> commands) override {
     written_.commands.emplace_back(commands.begin(), commands.end());
+  }
+  bool release() override {
+    ++written_.releases;
+    return true;
   }
 
  private:
@@ -101,6 +107,34 @@ TEST_F(Device, CommandsFadeOverTheLastFifthOfTheirTime) {
     const double command = loop.step(now += kMillisecond, nullptr).commands[0];
     EXPECT_NEAR(command, 2 * std::clamp((40 - i) / 8.0, 0.0, 1.0), 1e-9) << (now - died) / kMillisecond;
   }
+}
+
+// A thread beside the loop watches it.
+TEST_F(Device, HungLoopIsReleasedAndBeginsAgainFromZero) {
+  feed(2, 2, 50);
+  for (int i = 0; i < 1000; ++i) {
+    loop.watch(now += kMillisecond);
+    EXPECT_EQ(written.releases, i < 25 ? 0 : 1 + (i - 25) / 25) << i;  // again, but not in each turn
+  }
+  LoopStatus status;
+  loop.fill_status(status, now);
+  EXPECT_EQ(testing::counter_of(status, "released"), 1);
+  EXPECT_EQ(feed(2, 2).commands[0], 0);
+  EXPECT_NEAR(feed(2, 2).commands[0], 0.5, 1e-9);  // by the slew limit
+  feed(2, 2, 50);
+  loop.watch(now + 10 * kMillisecond);
+  const int before = written.releases;
+  loop.stop(now);
+  loop.watch(now + 100 * kMillisecond);
+  EXPECT_EQ(written.releases, before);
+}
+
+// Nobody watched, or the driver has no `release`.
+TEST_F(Device, LoopThatHungBeginsAgainFromZero) {
+  feed(2, 2, 50);
+  now += 30 * kMillisecond;
+  EXPECT_EQ(feed(2, 2).commands[0], 0);
+  EXPECT_NEAR(feed(2, 2).commands[0], 0.5, 1e-9);
 }
 
 // The tracking loop goes on while the simulation of the hand hangs. At a slow pace it notices this late, because its

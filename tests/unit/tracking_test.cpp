@@ -186,7 +186,15 @@ TEST(Tracking, WrenchHasThePlaneOfABonesContactsWhileTheyAreFresh) {
   contact.point = to_wire(Vector3(tip.position + Vector3(0.001, -0.006, 0)));
   contact.normal = {0, 1, 0};
   contact.force = {0.3, 1, 0};
+  contact.velocity = {0.1, 0.2, 0};
   contacts->contacts.push_back(contact);
+  NearContact near;  // comes with 0.1 m/s
+  near.body = 11;
+  const auto near_joint = static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(near.body))));
+  near.gap = 0.006;
+  near.normal = {0, 1, 0};
+  near.velocity = {0, 0.1, 0};
+  contacts->near.push_back(near);
   std::uint64_t sequence = 0;
   int with_plane = 0;
   for (int i = 0; i < 1000; ++i) {
@@ -194,15 +202,16 @@ TEST(Tracking, WrenchHasThePlaneOfABonesContactsWhileTheyAreFresh) {
     const Skeleton tracked = skeleton_at(still(), ++sequence, now);
     Pose held = still();
     held.position.y() += 0.004;
-    const Skeleton simulated = skeleton_at(held, sequence, now);
-    contacts->stamp.sample_time = now;
+    Skeleton simulated = skeleton_at(held, sequence, now);
+    simulated.joints[1].linear_velocity = {0, 0, 0.3};
+    if (i % 10 == 0) contacts->stamp.sample_time = now;
     TrackingInput input;
     input.tracked = &tracked;
     input.simulated = &simulated;
     input.contacts = i < 800 ? contacts.get() : nullptr;
     const BoneWrench& wrench = loop.step(now, input).wrench;
     for (std::size_t b = 0; b < kBodyCount; ++b) {
-      if (b != 8) {
+      if (b != 8 && b != 11) {
         ASSERT_EQ(wrench.bones[b].contact_stiffness, 0) << b;
         ASSERT_EQ(wrench.bones[b].contact_normal, Vec3{}) << b;
       }
@@ -212,6 +221,13 @@ TEST(Tracking, WrenchHasThePlaneOfABonesContactsWhileTheyAreFresh) {
     ++with_plane;
     ASSERT_EQ(bone.contact_normal, (Vec3{0, 1, 0}));
     ASSERT_EQ(bone.contact_point, contact.point);
+    ASSERT_EQ(bone.contact_velocity, contact.velocity);
+    ASSERT_EQ(wrench.wrist_velocity, (Vec3{0, 0, 0.3}));
+    // The object comes nearer while its message gets older.
+    const BoneSample& other = wrench.bones[11];
+    const double moved = other.intermediate_position[1] - simulated.joints[near_joint].position[1];
+    ASSERT_NEAR(other.contact_gap, 0.006 + moved - 1e-4 * (i < 800 ? i % 10 : i - 790), 1e-12);
+    ASSERT_EQ(other.contact_velocity, near.velocity);
     ASSERT_EQ(bone.contact_stiffness, 500);
     ASSERT_NEAR(bone.contact_damping, 2 * std::sqrt(500 * hand().bodies[8].mass), 1e-12);
   }

@@ -10,6 +10,8 @@
 
 namespace softhand::wall {
 
+constexpr double kSwing = 0.01;  // m
+
 int run_wall(const WallArguments& arguments) {
   std::string text;
   const auto print = [&text](const std::string& row) {
@@ -66,6 +68,25 @@ int run_wall(const WallArguments& arguments) {
         };
         print(fmt::format("| {} | {} | {:.0f} % | {:.0f} | {:.0f} | {:.1f} | {:.1f} |\n", device.name, delay,
                           100 * missing, largest(assumed), largest(known), lowest(assumed), lowest(known)));
+      }
+    }
+  }
+  print(
+      "\n| device | wall, N/m | Hz | hand | without velocity: force error, N; lowest energy, mJ | with velocity |\n"
+      "| --- | --- | --- | --- | --- | --- |\n");
+  for (const Device& device : kDevices) {
+    const double stiffness = std::min(device.stiffness, 800.0);
+    for (const double frequency : {1.0, 2.0}) {
+      for (const bool is_carried : {false, true}) {
+        std::string row = fmt::format("| {} | {:.0f} | {:.0f} | {} |", device.name, stiffness, frequency,
+                                      is_carried ? "moves with the wall" : "stays");
+        for (const bool tells : {false, true}) {
+          const Swing swing{kSwing, frequency, is_carried, tells};
+          const Result r = worst({device, {}, {}, stiffness, Mode::near, 0, {}, swing});
+          row += fmt::format(" {:.2f}; {:.2f} |", r.force_error, 1e3 * r.lowest_energy);
+          if (tells) good = good && r.passive();
+        }
+        print(row + "\n");
       }
     }
   }

@@ -32,6 +32,7 @@ constexpr std::array kParts{
     Part{4.4, kOutside, kDepth, 0.5}, Part{7.0, kDepth, kDepth, 1},     Part{7.6, kDepth, kOutside, 0.6}};
 constexpr double kEnd = 8;
 constexpr std::array<std::array<double, 2>, 2> kHolds{{{2.5, 3.0}, {6.5, 7.0}}};
+constexpr std::array<double, 2> kPressed{0.5, 3.0};
 
 double wanted(double time) {
   double begin = 0;
@@ -40,6 +41,12 @@ double wanted(double time) {
     begin = part.end;
   }
   return kParts.back().to;
+}
+
+// Where the wall is, and its velocity.
+std::array<double, 2> wall_at(const Swing& swing, double time) {
+  const double rate = 2 * M_PI * swing.frequency;
+  return {swing.amplitude * std::sin(rate * time), swing.amplitude * rate * std::cos(rate * time)};
 }
 
 // One actuator. A positive command pushes out of the wall.
@@ -110,7 +117,9 @@ Result run(const Trial& trial) {
   const double mass = trial.device.mass + trial.hand.mass;
 
   Result result;
-  double energy = 0, next_sample = 0;
+  const double damping = 2 * std::sqrt(trial.stiffness * mass);
+  double energy = 0, next_sample = 0, squares = 0;
+  int pressed = 0;
   std::uint64_t sequence = 0;
   struct Hold {
     double lowest = 1, highest = -1, force = 0, depth = 0;
@@ -134,12 +143,14 @@ Result run(const Trial& trial) {
       wrench.stamp.publish_time = message.arrives;
       BoneSample& bone = wrench.bones[0];
       bone.tracked_position[0] = x;
-      if (x < (trial.mode == Mode::near ? kNear : 0)) {
-        bone.coupling_force[0] = std::max(0.0, -trial.stiffness * x);
-        bone.contact_gap = std::max(0.0, x);
+      const auto [wall, wall_speed] = wall_at(trial.swing, time);
+      if (x - wall < (trial.mode == Mode::near ? kNear : 0)) {
+        bone.coupling_force[0] = std::max(0.0, trial.stiffness * (wall - x));
+        bone.contact_gap = std::max(0.0, x - wall);
         bone.contact_normal = {1, 0, 0};
         bone.contact_stiffness = trial.stiffness;
-        bone.contact_damping = 2 * std::sqrt(trial.stiffness * mass);
+        bone.contact_damping = damping;
+        if (trial.swing.tells_speed) bone.contact_velocity[0] = wall_speed;
       }
       if (!is_lost) under_way.push_back(message);
     }
@@ -153,11 +164,22 @@ Result run(const Trial& trial) {
 
     for (int s = 0; s < kSubsteps; ++s) {
       const double t = time + s * kSubstep, before = x;
-      const double wanted_now = wanted(t), wanted_speed = (wanted(t + kSubstep) - wanted_now) / kSubstep;
+      const auto [wall, wall_speed] = wall_at(trial.swing, t);
+      double wanted_now = wanted(t), wanted_speed = (wanted(t + kSubstep) - wanted_now) / kSubstep;
+      if (trial.swing.is_carried) {
+        wanted_now += wall;
+        wanted_speed += wall_speed;
+      }
       const double hand = trial.hand.stiffness * (wanted_now - x) + trial.hand.damping * (wanted_speed - v);
       v += kSubstep / mass * (hand + driver->force - trial.device.friction * v);
       x += kSubstep * v;
-      energy -= driver->force * (x - before);
+      energy -= driver->force * (x - before - kSubstep * wall_speed);
+      if (t >= kPressed[0] && t < kPressed[1]) {
+        const double ideal = trial.stiffness * (wall - x) - damping * (v - wall_speed);
+        const double error = driver->force - (wall > x ? std::clamp(ideal, 0.0, trial.device.force) : 0);
+        squares += error * error;
+        ++pressed;
+      }
       result.lowest_energy = std::min(result.lowest_energy, energy);
     }
     for (std::size_t h = 0; h < kHolds.size(); ++h) {
@@ -172,6 +194,7 @@ Result run(const Trial& trial) {
   }
   for (const Hold& hold : holds) result.ripple = std::max(result.ripple, hold.highest - hold.lowest);
   result.rendered = holds[0].force / holds[0].depth;
+  result.force_error = std::sqrt(squares / pressed);
   return result;
 }
 
@@ -186,6 +209,7 @@ Result worst(Trial trial) {
       out.lowest_energy = std::min(out.lowest_energy, result.lowest_energy);
       out.ripple = std::max(out.ripple, result.ripple);
       out.rendered = std::min(out.rendered, result.rendered);
+      out.force_error = std::max(out.force_error, result.force_error);
     }
   }
   return out;

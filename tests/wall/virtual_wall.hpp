@@ -1,5 +1,5 @@
-// A user presses, taps and holds a virtual wall with a simulated haptic device. The real loop of the driver SDK drives
-// it. The simulation's messages are late, jitter and get lost. Deterministic.
+// A user presses, taps and holds a virtual wall with a simulated haptic device. The wall may move. The real loop of the
+// driver SDK drives it. The simulation's messages are late, jitter and get lost. Deterministic.
 #pragma once
 
 #include <array>
@@ -59,6 +59,14 @@ enum class Mode {
   near,     ///< local model and controller; messages have the plane while the hand is near, as those of a rig
 };
 
+/// How the wall moves: to and fro, as a sine.
+struct Swing {
+  double amplitude = 0;     ///< m
+  double frequency = 1;     ///< Hz
+  bool is_carried = false;  ///< the hand moves with the wall, as with a held object; otherwise the hand stays
+  bool tells_speed = true;  ///< messages have the velocity of the wall
+};
+
 struct Trial {
   Device device;
   Hand hand;
@@ -67,11 +75,16 @@ struct Trial {
   Mode mode = Mode::near;
   std::uint64_t seed = 1;
   Path path{};
+  Swing swing{};
 };
 struct Result {
-  double lowest_energy = 0;  ///< J that the user put in minus what came back, at its lowest; by the true motion
-  double ripple = 0;         ///< m, peak to peak in the last half second of each hold
-  double rendered = 0;       ///< mean force over mean depth in the last half second of the first hold, N/m
+  /// J that the user put in minus what came back, at its lowest; by the true motion, without what the motion of the
+  /// wall gives.
+  double lowest_energy = 0;
+  double ripple = 0;    ///< m, peak to peak in the last half second of each hold
+  double rendered = 0;  ///< mean force over mean depth in the last half second of the first hold, N/m
+  /// N, RMS in the first hold: the force minus that of a wall without delay, within the limits of the device.
+  double force_error = 0;
   /// Stable: no ripple above 0.2 mm. Passive: never below -1 mJ.
   bool stable() const { return ripple < 2e-4; }
   bool passive() const { return lowest_energy >= -1e-3; }

@@ -85,6 +85,23 @@ TEST(VirtualWall, DelayCostsEnergyAndKnownCommandsBoundIt) {
   }
 }
 
+// A wall that swings by 10 mm, and a held object that the hand shakes by as much.
+TEST(VirtualWall, MovingWallIsRightBetweenTwoMessages) {
+  for (const Device& device : kDevices) {
+    for (const bool is_carried : {false, true}) {
+      for (const double frequency : {1.0, 2.0}) {
+        const double stiffness = std::min(device.stiffness, 800.0);
+        const auto result = [&](bool tells) {
+          return worst({device, {}, {}, stiffness, Mode::near, 0, {}, {0.01, frequency, is_carried, tells}});
+        };
+        const Result without = result(false), with = result(true);
+        EXPECT_LT(with.force_error, 0.4 * without.force_error) << device.name << ' ' << is_carried << ' ' << frequency;
+        EXPECT_TRUE(with.passive()) << device.name << ' ' << frequency << ": " << with.lowest_energy << " J";
+      }
+    }
+  }
+}
+
 TEST(VirtualWall, IsTheSameInEveryRun) {
   const Trial trial{kDevices[2], kHands[1], {}, 1500, Mode::touched, 3};
   const Result first = run(trial), second = run(trial);

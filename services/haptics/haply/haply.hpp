@@ -92,6 +92,8 @@ class Haply final : public TrackerSource, public HapticDriver {
     sent_at_ = now;
     ++unanswered_;
   }
+  // A force lasts for one tick of the service.
+  bool release() override { return true; }
 
  private:
   static constexpr std::size_t kSlots = 16;

@@ -31,12 +31,13 @@ class HapticLogDriver : public HapticDriver {
   explicit HapticLogDriver(const Options& options);
 
   DeviceLimits limits() const override {
-    return {kFingerCount, 0, options_.maximum_force, options_.slew, kStiffness, kDamping};
+    return {kFingerCount, 0, options_.maximum_force, options_.slew, kStiffness, kDamping, true};
   }
   /// Commands the force against closing of each finger. A negative force (a pull) is not rendered.
   void command(const BoneWrench& input, std::span<double> requested) override;
   bool measure(Nanoseconds, std::span<double> positions) override { return encoders_.read(positions); }
   void write(Nanoseconds now, std::span<const double> commands) override;
+  bool release() override { return true; }  // nobody wears it
 
  private:
   static constexpr double kStiffness = 3000, kDamping = 20;  // N/m, N s/m: as a Novint Falcon at 1 kHz

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <string>
 
 #include "device/device_loop.hpp"
 #include "device/intake.hpp"
@@ -26,6 +27,7 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
       std::printf("listening on %s, TCP port %u\n", options.address.c_str(), port);
     }
     std::fflush(stdout);
+    intake_.set_release(std::string(ForceLine(std::array<double, kFingerCount>{}, options.force_maximum).text()));
     intake_.start();
   }
 
@@ -69,6 +71,10 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
     intake_.send(is_zero ? 0 : decoder_.connection(), ForceLine(shares, options_.force_maximum).text());
     sent_at_ = now;
     is_asked_ = false;
+  }
+  bool release() override {
+    intake_.release();
+    return true;
   }
 
  private:

@@ -38,6 +38,10 @@ class SampleGlove final : public HapticDriver {
     sendto(socket_, packet.data(), sizeof packet, MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&glove_),
            sizeof glove_);
   }
+  bool release() override {
+    write(0, std::array<double, kFingerCount>{});
+    return true;
+  }
 
  private:
   Options options_;

@@ -50,6 +50,8 @@ class Bhaptics final : public TactileDriver {
     is_off_ = is_zero;
     sent_at_ = now;
   }
+  // The last frame ends by itself.
+  bool release() override { return true; }
   void fill_status(LoopStatus& status) const override {
     player_.fill_status(status);
     refusals_.fill_status(status, player_.counters().refused_size);

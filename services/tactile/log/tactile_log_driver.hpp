@@ -38,6 +38,7 @@ class TactileLogDriver : public TactileDriver {
   /// Commands the normal forces on each digit divided by the full-scale force.
   void command(const SkinTraction& input, std::span<double> requested) override;
   void write(Nanoseconds now, std::span<const double> commands) override;
+  bool release() override { return true; }  // nobody wears it
   void fill_status(LoopStatus& status) const override;
 
  private:

@@ -49,6 +49,10 @@ class SamplePad final : public TactileDriver {
     std::copy(commands.begin(), commands.end(), packet.begin());
     sendto(socket_, packet.data(), sizeof packet, MSG_DONTWAIT, reinterpret_cast<const sockaddr*>(&pad_), sizeof pad_);
   }
+  bool release() override {
+    write(0, std::array<double, kValues>{});
+    return true;
+  }
 
  private:
   static constexpr std::size_t kValues = 27;

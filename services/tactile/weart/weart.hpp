@@ -32,14 +32,10 @@ class Weart final : public TrackerSource, public TactileDriver {
     intake_.connect_tcp(options.address, options.port, kWeartEnd, greeting());
     std::printf("connecting to %s, TCP port %u\n", options.address.c_str(), static_cast<unsigned>(options.port));
     std::fflush(stdout);
+    intake_.set_release(no_effect());
     intake_.start();
   }
-  ~Weart() override {
-    const std::array<WeartEffects, kWeartPoints.size()> none{};
-    std::string last(WeartCommand(side_, std::span(none.data(), points_), 0, 0).text());
-    last += "StopFromClient~";
-    intake_.send(0, last);
-  }
+  ~Weart() override { intake_.send(0, no_effect() + "StopFromClient~"); }
 
   void poll(Nanoseconds, TrackerSink& out) override {
     intake_.take([&](const Arrival& message) {
@@ -84,11 +80,19 @@ class Weart final : public TrackerSource, public TactileDriver {
     connection_ = connection;
     sent_at_ = now;
   }
+  bool release() override {
+    intake_.release();
+    return true;
+  }
 
  private:
   static constexpr Nanoseconds kPeriod = 10'000'000;
   static constexpr int kCalibrating = 1;
 
+  std::string no_effect() const {
+    const std::array<WeartEffects, kWeartPoints.size()> none{};
+    return std::string(WeartCommand(side_, std::span(none.data(), points_), 0, 0).text());
+  }
   std::string greeting() const {
     std::string text = "StartFromClient:SdkLLCPP:2.0.0:TrackType1~" + weart_questions();
     if (options_.calibrate) text += "StartCalibration~";

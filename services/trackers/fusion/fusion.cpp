@@ -14,6 +14,11 @@ namespace softhand {
 namespace {
 
 constexpr std::uint32_t kMostUsers = 16;
+// The angular velocity of a joint is its mean over at least this time, s. So the noise of a fast tracker is not
+// amplified more than that of a slow one.
+constexpr double kVelocityTime = 0.015;
+constexpr double kVelocityFades = 0.06;      // s, time constant (README.md, "Accuracy")
+constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Nanoseconds nanoseconds(double seconds) { return static_cast<Nanoseconds>(seconds * 1e9); }
@@ -171,7 +176,7 @@ void HandFusion::add(const Skeleton& sample, Nanoseconds now) {
     source->newest = sample;
     source->resumed = source->resumed || now - source->used_at > stale_after_;
     source->used_at = now;
-    measure(*source, source->input.time());
+    measure(*source);
     source->past[source->count++ % source->past.size()] = source->posture;
     fed_ = true;
   }
@@ -180,8 +185,9 @@ void HandFusion::add(const Skeleton& sample, Nanoseconds now) {
     if (delivers(sample, part)) parts_[part].add(source->user, good, now);
 }
 
-// The posture of the source by its newest sample, extrapolated to `time`.
-void HandFusion::measure(Source& source, Nanoseconds time) {
+// The posture of the source in its newest sample.
+void HandFusion::measure(Source& source) {
+  const Nanoseconds time = source.input.time();
   const auto& targets = source.input.targets(time);
   const auto target_of = [&](Joint joint) -> const BodyTarget& {
     return targets[static_cast<std::size_t>(index_of(body_of(joint)))];
@@ -203,21 +209,42 @@ void HandFusion::measure(Source& source, Nanoseconds time) {
   }
 }
 
-// The posture of the source at `time`: between two samples, or extrapolated.
-void HandFusion::recall(Source& source, Nanoseconds time) {
-  if (source.count == 0) return;
-  if (time >= source.input.time()) return measure(source, time);
-  const std::uint64_t stored = std::min<std::uint64_t>(source.count, source.past.size());
-  const auto back = [&](std::uint64_t i) -> const Posture& {
-    return source.past[(source.count - 1 - i) % source.past.size()];
-  };
+// The posture of the source at a time after its newest sample.
+void HandFusion::predict(Source& source, Nanoseconds time) const {
+  const Posture& newest = source.back(0);
+  Posture& out = source.posture;
+  out = newest;
+  out.time = time;
+  const BodyTarget& wrist = source.input.targets(time)[static_cast<std::size_t>(index_of(body_of(Joint::wrist)))];
+  if (wrist.valid) out.wrist = wrist.pose;
   std::uint64_t i = 1;
-  while (i + 1 < stored && back(i).time > time) ++i;
-  if (i >= stored || back(i).time > time) {
-    source.posture = back(stored - 1);
+  while (i + 1 < source.stored() && newest.time - source.back(i).time < nanoseconds(kVelocityTime)) ++i;
+  // Across a gap a finger may have moved anywhere.
+  if (i >= source.stored() || newest.time - source.back(i).time > stale_after_) return;
+  const Posture& older = source.back(i);
+  const double elapsed = static_cast<double>(newest.time - older.time) * 1e-9;
+  const double ahead = static_cast<double>(time - newest.time) * 1e-9;
+  const double reach = kVelocityFades * (1 - std::exp(-ahead / kVelocityFades));
+  for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+    if (joint_of(body_of(static_cast<Joint>(j))) != static_cast<Joint>(j)) continue;  // a tip is rigid on its bone
+    const Quaternion& now = newest.joints[j].orientation;
+    const Vector3 velocity = rotation_log(older.joints[j].orientation.conjugate() * now) / elapsed;
+    if (velocity.norm() <= kMaximumAngularSpeed) out.joints[j].orientation = now * rotation_exp(reach * velocity);
+  }
+}
+
+// The posture of the source at `time`: between two samples, or predicted.
+void HandFusion::recall(Source& source, Nanoseconds time) const {
+  if (source.count == 0) return;
+  if (time >= source.input.time()) return predict(source, time);
+  const std::uint64_t stored = source.stored();
+  std::uint64_t i = 1;
+  while (i + 1 < stored && source.back(i).time > time) ++i;
+  if (i >= stored || source.back(i).time > time) {
+    source.posture = source.back(stored - 1);
     return;
   }
-  const Posture &older = back(i), &newer = back(i - 1);
+  const Posture &older = source.back(i), &newer = source.back(i - 1);
   const double share = static_cast<double>(time - older.time) / static_cast<double>(newer.time - older.time);
   const auto between = [&](const Pose& a, const Pose& b) {
     return Pose{a.position + share * (b.position - a.position), a.orientation.slerp(share, b.orientation)};

@@ -1,13 +1,21 @@
 // One hand and one head from several trackers: the wrist from one, each finger from one, the head from one.
 //
-// Each source is validated, put into the world and extrapolated by its own TrackedInput. So sources may have any rate,
-// delay and mount. Fingers are taken relative to the wrist of their own source and put on the wrist of another one.
+// Each source is validated and put into the world by its own TrackedInput. So sources may have any rate, delay and
+// mount. Fingers are taken relative to the wrist of their own source and put on the wrist of another one.
+//
+// Parts whose newest sample is older than the composed hand are predicted. TrackedInput extrapolates the wrist. A
+// finger is predicted by its joint angles, so bones keep their length. Its angular velocity w fades with the time
+// constant T:
+//   R(t + h) = R(t) exp(T (1 - e^(-h/T)) w).
+// This is the expected rotation if the velocity is an Ornstein-Uhlenbeck process (a finger that brakes and turns back
+// at random; Uhlenbeck and Ornstein 1930, Phys. Rev. 36).
 //
 // Each part has one owner at a time: the best source that is good. A source is good for a part while it sends samples
 // of this part with enough confidence. When the owner changes, the difference between the old and the new pose fades
 // out. So the hand does not jump.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -113,12 +121,16 @@ class HandFusion {
     bool resumed = false;           // the newest sample came after a gap
     std::array<Posture, 8> past{};  // ring buffer, newest at (count - 1) % size
     std::uint64_t count = 0;
+
+    std::uint64_t stored() const { return std::min<std::uint64_t>(count, past.size()); }
+    const Posture& back(std::uint64_t i) const { return past[(count - 1 - i) % past.size()]; }
     Posture posture{};  // at the time of the composition; joints that the source never saw are at rest
   };
 
   Source* source_of(std::optional<std::uint32_t> user);
-  static void measure(Source& source, Nanoseconds time);
-  static void recall(Source& source, Nanoseconds time);
+  static void measure(Source& source);
+  void recall(Source& source, Nanoseconds time) const;
+  void predict(Source& source, Nanoseconds time) const;
 
   double reposition_distance_;
   double least_confidence_;
