@@ -171,6 +171,10 @@ void describe(OptionVisitor& v, SceneOptions& o) {
       "Name of the table `[[hands]]` whose hand this process simulates. A scene with several hands has such tables. "
       "Each has a `name`, and keys of the scene that replace the scene's own, for example `hands.generator`. "
       "Empty = the first.");
+  v.flag("one_process", o.one_process,
+         "One process simulates both hands of `[[hands]]`, so their skins touch each other (docs/two-hands.md). The "
+         "options of the first hand's process hold for both. Only `softhand simulate` and `softhand render` can do "
+         "this yet.");
   v.integer("user", o.user, "1", {0, 15}, "User of the hand. It is part of the key of every topic about a hand.");
   v.string("motion", o.motion,
            "Recorded motion that the replay tracker plays: CSV of WebXR joint poses, columns in "
@@ -225,6 +229,12 @@ Scene read_scene_text(const std::string& path, const std::string& text, const st
   for (const std::string& assignment : overrides) {
     if (is_foreign(std::string_view(assignment).substr(0, assignment.find_first_of(".=")))) continue;
     scene.overrides.push_back(apply_override(scene.options, assignment));
+  }
+  if (scene.options.one_process) {
+    if (scene.hands.size() != kMostHands)
+      throw ConfigError(path + ": one_process: the scene has " + std::to_string(scene.hands.size()) +
+                        " tables [[hands]], expected " + std::to_string(kMostHands));
+    scene.options.hand.simulation.other_hands = false;
   }
   add_object_files(scene);
   // One process simulates the flexible objects: that of the first hand.

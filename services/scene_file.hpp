@@ -74,8 +74,9 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
            "After each swing the coordinate falls to this much above its first value. 0 = not asked for.");
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
   v.number("skin_penetration", o.skin.penetration, "m", {0, 0.1},
-           "With `hand.simulation.skin_contact`, a run of `softhand simulate` must pass two checks. 95 % of the points "
-           "of the skin that touch skin are at most this deep in it. No finger passes another one. 0 = not asked for.");
+           "With `hand.simulation.skin_contact` or `one_process`, a run of `softhand simulate` must pass two checks. "
+           "95 % of the points of the skin that touch skin are at most this deep in it. No finger passes another one, "
+           "and no bone of a hand passes one of the other hand. 0 = not asked for.");
   v.number(
       "skin_friction", o.skin.friction, "1", {0, 1},
       "The same if friction of skin that slides on skin is `hand.simulation.skin_friction` times the normal force, "
@@ -87,6 +88,7 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
            "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
            "go of it. 0 = not asked for.");
+  v.flag("skin_parts", o.skin.parts, "The same if no skin touches skin at the end.");
   v.number("hands_weight", o.hands.weight, "1", {0, 1},
            "With two `hands`, a run of `softhand simulate` succeeds only if their upward forces on the lifted object "
            "sum to its weight, within this fraction. 0 = not asked for.");
@@ -112,6 +114,7 @@ struct SceneOptions {
   std::string name = "scene";
   std::string watch;  ///< empty = not a demonstration
   std::string plays;  ///< name of one of `Scene::hands`
+  bool one_process = false;
   std::int64_t user = 0;
   std::string motion;  ///< file of a recording, or empty
   bool fit_hand = true;
@@ -153,7 +156,7 @@ struct Scene {
   std::vector<AppliedOverride> overrides;
   std::vector<std::string> ignored;         ///< sections of drivers that this program does not know
   std::vector<std::string> object_folders;  ///< of the object files that the scene names
-  /// The flexible ones; `options.objects` has the others. Of several hands, the first one simulates them all.
+  /// The flexible ones; `options.objects` has the others. Of several hands, the first one's process simulates them all.
   std::vector<SoftObject> soft_objects;
   std::vector<std::string> hands;          ///< names of the tables `[[hands]]`. Empty: the scene has one hand
   std::optional<Calibration> calibration;  ///< of the scene's hand; not used if the hand is fitted to a recording

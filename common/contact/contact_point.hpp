@@ -69,13 +69,6 @@ class ContactPoints {
       sum += p.weights[k] * of_nodes.col(p.nodes[k]);
     return sum;
   }
-  /// Calls visit(bone, share) for the bones of the point's nodes. `node_body`: by node. The shares sum to 1.
-  template <typename Visit>
-  void for_each_bone(int point, std::span<const std::uint8_t> node_body, Visit&& visit) const {
-    const ContactPoint& p = (*this)[point];
-    for (std::size_t k = 0; k < static_cast<std::size_t>(p.node_count); ++k)
-      visit(node_body[static_cast<std::size_t>(p.nodes[k])], p.weights[k]);
-  }
 
  private:
   void finish();

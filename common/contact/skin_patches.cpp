@@ -7,14 +7,13 @@
 #include "contact/skin_frame.hpp"
 #include "geometry/surface_distance.hpp"
 #include "geometry/triangle.hpp"
+#include "math/index.hpp"
 
 namespace softhand {
 namespace {
 
 constexpr double kPatchRadius = 0.008;  // m, along the skin
 constexpr double kFar = std::numeric_limits<double>::infinity();
-
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
 
 int part_of_node(const TissueModel& model, std::int32_t node) { return skin_part(model.node_body[at(node)]); }
 
@@ -31,7 +30,8 @@ int skin_part(Body body) {
 }
 
 int skin_part(std::uint8_t node_body) {
-  return node_body < kBodyCount ? skin_part(static_cast<Body>(node_body)) : kSkinParts + node_body - kBodyCount;
+  if (node_body >= kMostHands * kBodyCount) return kFirstSoftPart + node_body - kMostHands * kBodyCount;
+  return node_body / kBodyCount * kSkinParts + skin_part(static_cast<Body>(node_body % kBodyCount));
 }
 
 SkinPatches::SkinPatches(const TissueModel& model, const ContactPoints& points) : triangles_(model.surface) {
@@ -40,6 +40,9 @@ SkinPatches::SkinPatches(const TissueModel& model, const ContactPoints& points) 
   of_part_.resize(static_cast<std::size_t>(parts));
   part_boxes_.resize(of_part_.size());
   divide(model);
+  several_owners_ = std::any_of(patches_.begin(), patches_.end(), [this](const Patch& patch) {
+    return skin_owner(patch.part) != skin_owner(patches_.front().part);
+  });
   assign_points(model, points);
   for (Patch& patch : patches_) {
     for (const std::int32_t triangle : patch.triangles) {
@@ -135,10 +138,10 @@ void SkinPatches::exclude_near_at_rest(const TissueModel& model, const ContactPo
     can_touch_[a * count + b] = can_touch_[b * count + a] = can;
   };
   for (std::size_t a = 0; a < count; ++a) {
-    for (std::size_t b = 0; b < a; ++b) set(a, b, parts_can_touch(at(patches_[a].part), at(patches_[b].part)) ? 1 : 0);
+    for (std::size_t b = 0; b < a; ++b) set(a, b, parts_can_touch(patches_[a].part, patches_[b].part) ? 1 : 0);
   }
-  // Flexible objects are not at their place in the scene at rest.
-  if (has_objects()) return;
+  // In a scene, owners do not keep the places that they have to each other at rest.
+  if (several_owners_) return;
   const SurfaceDistance surface(model.nodes, model.surface);
   std::vector<double> distance(model.nodes.size());
   std::vector<std::int32_t> sources;
@@ -240,7 +243,8 @@ void SkinPatches::find_near(const Eigen::Matrix3Xd& positions, double margin) {
   const double square = margin * margin;
   for (std::size_t a = 1; a < of_part_.size(); ++a) {
     for (std::size_t b = 0; b < a; ++b) {
-      if (!parts_can_touch(a, b)) continue;
+      if (of_part_[a].empty() || of_part_[b].empty()) continue;
+      if (!parts_can_touch(static_cast<int>(a), static_cast<int>(b))) continue;
       ++part_queries_;
       if (!(part_boxes_[a].squaredExteriorDistance(part_boxes_[b]) <= square)) continue;
       for (const int i : of_part_[a]) {

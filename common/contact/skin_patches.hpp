@@ -1,15 +1,15 @@
 // Patches of the skin, and which pairs of them can touch: the broad phase of contact of skin with skin.
 //
-// The skin is divided into parts: five digits, the palm with the wrist, and each flexible object. Contact is between
-// different parts. Each part is divided into patches of about a centimetre. Two patches of a hand cannot touch if they
-// are near at rest. They are near if their distance along the skin is less than `near_at_rest`, for example on both
-// sides of a web or a crease. They are also near if only a sheet of tissue thinner than `deepest` lies between them.
+// The skin is divided into parts: of each hand five digits and the palm with the wrist, and each flexible object.
+// Contact is between different parts. Each part is divided into patches of about a centimetre. Two patches of a hand
+// cannot touch if they are near at rest. They are near if their distance along the skin is less than `near_at_rest`,
+// for example on both sides of a web or a crease. They are also near if only a sheet of tissue thinner than `deepest`
+// lies between them.
 //
-// With flexible objects in the model, only pairs with such an object can touch. Contact of the hand with itself is a
-// term of its own, over a model without these objects.
+// If the model has the skin of several owners (hands and flexible objects), only pairs of different owners can touch.
+// Contact of a hand with itself is a term of its own, over a model of this hand alone.
 #pragma once
 
-#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <span>
@@ -22,13 +22,21 @@
 
 namespace softhand {
 
+/// Largest number of hands in one simulation. There, `TissueModel::node_body` of bone b of hand h is h * kBodyCount +
+/// b, and that of flexible object i is kMostHands * kBodyCount + i.
+inline constexpr int kMostHands = 2;
 /// Parts of the skin of a hand.
 inline constexpr int kSkinParts = 6;
 /// Part of the skin around a bone: 0-4 = thumb to little finger without the metacarpals, 5 = palm and wrist.
 int skin_part(Body body);
-/// Part of the skin of a node or contact point with this `TissueModel::node_body`. The flexible object i has the part
-/// kSkinParts + i.
+/// Flexible object i is the part kFirstSoftPart + i. Before it come the parts of the hands, hand by hand.
+inline constexpr int kFirstSoftPart = kMostHands * kSkinParts;
+/// Part of the skin of a node or contact point with this `node_body`.
 int skin_part(std::uint8_t node_body);
+/// The hand, or kMostHands + i for flexible object i.
+constexpr int skin_owner(int part) {
+  return part < kFirstSoftPart ? part / kSkinParts : kMostHands + part - kFirstSoftPart;
+}
 
 class SkinPatches {
  public:
@@ -80,16 +88,14 @@ class SkinPatches {
   std::uint64_t part_queries() const { return part_queries_; }
 
  private:
-  bool has_objects() const { return part_count() > kSkinParts; }
-  bool parts_can_touch(std::size_t a, std::size_t b) const {
-    return a != b && (!has_objects() || std::max(a, b) >= static_cast<std::size_t>(kSkinParts));
-  }
+  bool parts_can_touch(int a, int b) const { return a != b && (!several_owners_ || skin_owner(a) != skin_owner(b)); }
   void divide(const TissueModel& model);
   void assign_points(const TissueModel& model, const ContactPoints& points);
   void exclude_near_at_rest(const TissueModel& model, const ContactPoints& points);
   void bound_box(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
   void bound_slab(std::size_t patch, const Eigen::Matrix3Xd& starts, const Eigen::Matrix3Xd& ends);
 
+  bool several_owners_ = false;
   std::vector<std::array<std::int32_t, 3>> triangles_;
   std::vector<Patch> patches_;
   std::vector<std::int32_t> patch_of_node_;  // -1: not on the surface

@@ -16,11 +16,6 @@ constexpr double kEdge = 1e-6;    // relative; a place this far outside a triang
 constexpr double kFacing = 0.25;  // cosine between the normals of skin that faces a triangle, with the opposite sign
 constexpr int kMostHops = 8;      // of an anchor from triangle to triangle
 
-constexpr std::size_t kCarpus = 1;
-static_assert(index_of(Body::carpus) == kCarpus);
-
-Pose wrist_of(const State& state) { return state.body_poses.size() > kCarpus ? state.body_poses[kCarpus] : Pose{}; }
-
 // Barycentric weights of the projection of `place`.
 Vector3 weights_of(const SkinFrame& frame, const Vector3& place) {
   const Vector3 from_middle = place - frame.pose.position;
@@ -51,6 +46,13 @@ SkinSearch::SkinSearch(const TissueModel& model, const ContactPoints& points)
     neighbours_.erase(std::unique(neighbours_.begin() + begin, neighbours_.end()), neighbours_.end());
     first_neighbour_.push_back(neighbours_.size());
   }
+  std::int32_t first = model.node_count();
+  for (const auto& corners : triangles_) first = std::min(first, *std::min_element(corners.begin(), corners.end()));
+  for (const auto& corners : model.tetrahedra)
+    first = std::min(first, *std::min_element(corners.begin(), corners.end()));
+  first_node_ = first;
+  const int owner = triangles_.empty() ? 0 : skin_owner(skin_part(model.node_body[static_cast<std::size_t>(first)]));
+  carpus_ = static_cast<std::size_t>((owner < kMostHands ? owner * kBodyCount : 0) + index_of(Body::carpus));
   starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, model.node_count());
   const auto places = static_cast<std::size_t>(points.count()) * static_cast<std::size_t>(patches_.part_count());
   paths_.resize(static_cast<std::size_t>(points.count()));
@@ -79,25 +81,26 @@ double SkinSearch::signed_volume(int triangle, const Eigen::Matrix3Xd& node_posi
   return (node_positions.col(c[1]) - a).cross(node_positions.col(c[2]) - a).dot(place - a);
 }
 
-void SkinSearch::set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const {
-  const Matrix3 turn = wrist.orientation.toRotationMatrix().transpose();
-  for (Eigen::Index n = 0; n < positions.cols(); ++n) local.col(n) = turn * (positions.col(n) - wrist.position);
+void SkinSearch::set_local(const Pose& carpus, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const {
+  const Matrix3 turn = carpus.orientation.toRotationMatrix().transpose();
+  for (Eigen::Index n = first_node_; n < positions.cols(); ++n)
+    local.col(n) = turn * (positions.col(n) - carpus.position);
 }
 
 void SkinSearch::begin_step(const State& state, double time_step, double reach) {
   starts_ = state.node_positions.leftCols(starts_.cols());
   ends_ = starts_ + time_step * state.node_velocities.leftCols(starts_.cols());
-  const Pose start = wrist_of(state);
+  const bool has_carpus = state.body_poses.size() > carpus_;
+  const Pose start = has_carpus ? state.body_poses[carpus_] : Pose{};
   set_local(start, starts_, local_starts_);
-  set_local(state.body_poses.size() > kCarpus ? advanced(start, state.body_velocities[kCarpus], time_step) : start,
-            ends_, local_ends_);
+  set_local(has_carpus ? advanced(start, state.body_velocities[carpus_], time_step) : start, ends_, local_ends_);
   reach_ = reach;
   follow_paths(std::max(kSlack, reach));
 }
 
 void SkinSearch::set_ends(const State& state) {
   ends_ = state.node_positions.leftCols(ends_.cols());
-  set_local(wrist_of(state), ends_, local_ends_);
+  set_local(state.body_poses.size() > carpus_ ? state.body_poses[carpus_] : Pose{}, ends_, local_ends_);
   follow_paths(kSlack);
 }
 
@@ -106,7 +109,7 @@ void SkinSearch::set_ends(const State& state) {
 void SkinSearch::follow_paths(double margin) {
   margin_ = margin;
   double square = 0, longest = 0;
-  for (Eigen::Index n = 0; n < listed_.cols(); ++n) {
+  for (Eigen::Index n = first_node_; n < listed_.cols(); ++n) {
     square = std::max({square, (local_starts_.col(n) - listed_.col(n)).squaredNorm(),
                        (local_ends_.col(n) - listed_.col(n)).squaredNorm()});
     longest = std::max(longest, (local_ends_.col(n) - local_starts_.col(n)).squaredNorm());

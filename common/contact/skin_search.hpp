@@ -126,7 +126,7 @@ class SkinSearch {
   void follow_paths(double margin);
   bool turns_corner(SkinCandidate& candidate) const;
   double signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const;
-  void set_local(const Pose& wrist, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
+  void set_local(const Pose& carpus, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
   std::optional<SkinCandidate> inside(int patch, int point) const;
   std::optional<SkinCandidate> crossed(int patch, int point) const;
 
@@ -135,8 +135,10 @@ class SkinSearch {
   std::vector<std::size_t> first_neighbour_;  // by triangle, and the total at the end
   std::vector<std::int32_t> neighbours_;      // triangles that share a corner
   SkinPatches patches_;
+  Eigen::Index first_node_ = 0;     // of the model's tissue
+  std::size_t carpus_ = 0;          // body of the state
   Eigen::Matrix3Xd starts_, ends_;  // by node
-  // The same in the frame of the carpus. A motion of the whole hand brings nothing near.
+  // The same in the frame of the carpus of the first hand of the model. A motion of this hand brings nothing near.
   Eigen::Matrix3Xd local_starts_, local_ends_;
   Eigen::Matrix3Xd listed_;    // when the near patches were listed
   double listed_margin_ = -1;  // m, of this list; < 0: there is none

@@ -13,7 +13,7 @@ double mean_decay(double a) { return a < 1e-8 ? 1 - 0.5 * a : -std::expm1(-a) / 
 
 }  // namespace
 
-RelaxationEnergy::RelaxationEnergy(const HandModel& hand, const Branches& time_constants,
+RelaxationEnergy::RelaxationEnergy(const TissueModel& hand, const Branches& time_constants,
                                    const std::vector<Branches>& weights, InstructionSet set)
     : kernel_(relaxation_kernel(set)), time_constants_(time_constants) {
   for (const double constant : time_constants) {

@@ -24,7 +24,7 @@
 
 #include "energies/memory.hpp"
 #include "energies/relaxation_kernel.hpp"
-#include "model/hand_model.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -34,7 +34,7 @@ class RelaxationEnergy final : public EnergyWithMemory<RelaxationEnergy> {
   /// Node n of the hand is node n of the state. `time_constants` in s, > 0. `weights[m]`: w of material m of the hand,
   /// >= 0. Tetrahedra whose weights are all zero have no branches and cost nothing. Throws std::invalid_argument if a
   /// number is out of range, or if the count of weights is not that of the materials. The processor must support `set`.
-  RelaxationEnergy(const HandModel& hand, const Branches& time_constants, const std::vector<Branches>& weights,
+  RelaxationEnergy(const TissueModel& hand, const Branches& time_constants, const std::vector<Branches>& weights,
                    InstructionSet set = widest_instruction_set());
   /// From now on `add_all` computes the products of the Hessian in float, for a solver that factorises in float.
   void use_single_hessian() { single_hessian_ = true; }

@@ -9,11 +9,13 @@
 
 namespace softhand {
 
-SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout_(layout) {
-  if (layout.node_count < hand.node_count() || layout.body_count < kBodyCount) {
+SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout, int first_node, int first_body)
+    : layout_(layout) {
+  if (layout.node_count < first_node + hand.node_count() || layout.body_count < first_body + kBodyCount) {
     throw std::invalid_argument("SkeletonTissue: the state has " + std::to_string(layout.node_count) + " nodes and " +
-                                std::to_string(layout.body_count) + " bodies, the hand " +
-                                std::to_string(hand.node_count()) + " and " + std::to_string(kBodyCount));
+                                std::to_string(layout.body_count) + " bodies, expected at least " +
+                                std::to_string(first_node + hand.node_count()) + " and " +
+                                std::to_string(first_body + kBodyCount));
   }
   // (column, row). An ordered map gives the same sums on every machine.
   std::map<std::pair<std::int32_t, std::int32_t>, double> node_stiffness;
@@ -32,7 +34,7 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
     }
     if (stiffness.empty()) continue;
     Bone bone;
-    bone.body = body;
+    bone.body = first_body + body;
     const Pose rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(static_cast<Body>(body))))] *
                       hand.bodies[static_cast<std::size_t>(body)].joint_from_body;
     const Pose body_from_rest = rest.inverse();
@@ -49,7 +51,7 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
     for (const auto& [count, node] : order) {
       tie_of_node[node] = static_cast<std::int32_t>(bone.ties.size());
       Tie tie;
-      tie.node = node;
+      tie.node = first_node + node;
       tie.rest = body_from_rest * hand.nodes[static_cast<std::size_t>(node)];
       bone.ties.push_back(tie);
     }
@@ -79,7 +81,8 @@ SkeletonTissue::SkeletonTissue(const HandModel& hand, DofLayout layout) : layout
     most_ties = std::max(most_ties, bone.ties.size());
     bones_.push_back(std::move(bone));
   }
-  for (const auto& [pair, k] : node_stiffness) node_pairs_.push_back({pair.second, pair.first, k, {}});
+  for (const auto& [pair, k] : node_stiffness)
+    node_pairs_.push_back({first_node + pair.second, first_node + pair.first, k, {}});
   offset_.setZero(4, static_cast<Eigen::Index>(most_ties));
 }
 

@@ -28,9 +28,9 @@ namespace softhand {
 
 class SkeletonTissue final : public Energy {
  public:
-  /// Node n of the hand is node n of the state, and the same holds for bodies. Throws std::invalid_argument if the
-  /// state has fewer nodes or bodies than the hand.
-  SkeletonTissue(const HandModel& hand, DofLayout layout);
+  /// Node n of the hand is node `first_node` + n of the state, and bone b is body `first_body` + b. Throws
+  /// std::invalid_argument if the state has fewer nodes or bodies.
+  SkeletonTissue(const HandModel& hand, DofLayout layout, int first_node = 0, int first_body = 0);
 
   std::string_view name() const override { return "skeleton_tissue"; }
   bool is_potential() const override { return true; }

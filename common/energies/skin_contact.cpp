@@ -67,17 +67,10 @@ std::array<Complex3, 4> complex_gradient(const ContactAnchor& anchor, const std:
 
 }  // namespace
 
-SkinContact::SkinContact(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness,
-                         double friction)
-    : SkinContact(hand, node_masses, stiffness, friction, {}) {}
-
 SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
-                         std::vector<double> object_frictions)
-    : SkinContact(model, node_masses, stiffness, 0, std::move(object_frictions)) {}
-
-SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
-                         double friction, std::vector<double> object_frictions)
-    : stiffness_(0.5 * checked(stiffness, true, "k_c")),
+                         double friction, std::vector<double> object_frictions, std::string_view name)
+    : name_(name),
+      stiffness_(0.5 * checked(stiffness, true, "k_c")),
       friction_(checked(friction, false, "friction")),
       object_frictions_(std::move(object_frictions)),
       node_masses_(node_masses),
@@ -88,7 +81,7 @@ SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& no
       has_anchor_(static_cast<std::size_t>(points_.count()) * static_cast<std::size_t>(search_.patches().part_count()),
                   0) {
   for (const double each : object_frictions_) checked(each, false, "friction");
-  if (kSkinParts + static_cast<int>(object_frictions_.size()) != search_.patches().part_count())
+  if (std::max(0, search_.patches().part_count() - kFirstSoftPart) != static_cast<int>(object_frictions_.size()))
     throw std::invalid_argument("skin contact: expected one friction coefficient for each flexible object");
   anchors_.reserve(2 * static_cast<std::size_t>(points_.count()));
   anchors_before_.reserve(anchors_.capacity());
@@ -97,10 +90,10 @@ SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& no
 
 // Between a point and a part of the skin.
 double SkinContact::friction_of(int point, int part) const {
-  const auto of_part = [this](int p) { return object_frictions_[static_cast<std::size_t>(p - kSkinParts)]; };
+  const auto of_part = [this](int p) { return object_frictions_[static_cast<std::size_t>(p - kFirstSoftPart)]; };
   const int own = skin_part(points_[point].body);
-  if (own < kSkinParts) return part < kSkinParts ? friction_ : of_part(part);
-  return part < kSkinParts ? of_part(own) : std::sqrt(of_part(own) * of_part(part));
+  if (own < kFirstSoftPart) return part < kFirstSoftPart ? friction_ : of_part(part);
+  return part < kFirstSoftPart ? of_part(own) : std::sqrt(of_part(own) * of_part(part));
 }
 
 void SkinContact::set_passing(int object, bool on) {
@@ -108,12 +101,12 @@ void SkinContact::set_passing(int object, bool on) {
   passing_ = on ? passing_ | bit : passing_ & ~bit;
 }
 
-// A point has at most one contact with a part. The hand passes through some flexible objects.
+// A point has at most one contact with a part. The hands pass through some flexible objects.
 bool SkinContact::cannot_begin(int point, int part) {
   if (has_anchor(point, part) != 0) return true;
   if (passing_ == 0) return false;
-  const int own = skin_part(points_[point].body), object = std::max(own, part) - kSkinParts;
-  return object >= 0 && std::min(own, part) < kSkinParts && passing(object);
+  const int own = skin_part(points_[point].body), object = std::max(own, part) - kFirstSoftPart;
+  return object >= 0 && std::min(own, part) < kFirstSoftPart && passing(object);
 }
 
 void SkinContact::add_pattern(BlockPattern& pattern) const {

@@ -18,7 +18,8 @@
 //
 // Skin that is near at rest does not touch (contact/skin_patches.hpp), and a digit does not touch itself.
 //
-// The same law couples flexible objects to the hand and to each other: each object is one more part of the skin.
+// The same law couples two hands to each other. It also couples flexible objects to hands and to each other. Each
+// object is one more part of the skin.
 //
 // A contact begins at the first triangle that the point crosses in a step, at any speed. A point that starts inside
 // moves out at 0.8 m/s at most.
@@ -44,15 +45,15 @@ struct SkinAnchor : ContactAnchor {
 
 class SkinContact final : public EnergyWithMemory<SkinContact> {
  public:
-  /// `stiffness` is k_c, N/m^3. `friction` is Coulomb's mu, >= 0. `node_masses` (kg) are used only to estimate the
-  /// normal force of a fresh contact. Throws std::invalid_argument if k_c or mu is out of range.
-  SkinContact(const TissueModel& hand, const std::vector<double>& node_masses, double stiffness, double friction);
-  /// Contact of flexible objects with the hand and with each other. `model`: of the hand and of the objects.
-  /// `object_frictions`: by object. Two objects have the geometric mean. Throws std::invalid_argument as above.
-  SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
-              std::vector<double> object_frictions);
+  /// Contact of a hand with itself, or, if `model` has several owners of skin, between them (contact/skin_patches.hpp).
+  /// `stiffness` is k_c, N/m^3. `friction` is Coulomb's mu of the skin of hands, >= 0. `object_frictions`: by flexible
+  /// object. It holds for contact with a hand. Two objects have the geometric mean. `node_masses` (kg) are used only to
+  /// estimate the normal force of a fresh contact. `name`: of the term, a literal. Throws std::invalid_argument if k_c
+  /// or a mu is out of range.
+  SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness, double friction,
+              std::vector<double> object_frictions = {}, std::string_view name = "skin");
 
-  std::string_view name() const override { return object_frictions_.empty() ? "skin" : "soft_skin"; }
+  std::string_view name() const override { return name_; }
   bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
@@ -80,7 +81,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   void load(const Memory& memory);
   /// All contacts end. Call it after nodes were teleported. The next step looks for points that are far inside.
   void reset();
-  /// While `on`, no contact begins between the hand and a flexible object. Present contacts stay.
+  /// While `on`, no contact begins between the hands and a flexible object. Present contacts stay.
   void set_passing(int object, bool on);
   bool passing(int object) const { return (passing_ >> object & 1U) != 0; }
 
@@ -100,8 +101,6 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   std::uint64_t dropped() const { return dropped_; }
 
  private:
-  SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness, double friction,
-              std::vector<double> object_frictions);
   std::uint8_t& has_anchor(int point, int part) {
     return has_anchor_[static_cast<std::size_t>(point) * static_cast<std::size_t>(search_.patches().part_count()) +
                        static_cast<std::size_t>(part)];
@@ -124,6 +123,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   void scatter(const SkinAnchor& anchor, const Matrix3& of_point, const std::array<Matrix3, 3>& of_corners,
                const std::array<Matrix3, 6>& between_corners, BlockMatrix& hessian) const;
 
+  std::string_view name_;
   double stiffness_, friction_;
   std::vector<double> object_frictions_;  // by flexible object
   std::vector<double> node_masses_;

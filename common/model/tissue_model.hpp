@@ -35,7 +35,7 @@ struct TissueModel {
   std::vector<std::uint8_t> tetrahedron_material;       ///< index into `materials`
   std::vector<Material> materials;
   std::vector<std::array<std::int32_t, 3>> surface;  ///< boundary triangles of the tetrahedra, outward, node indices
-  /// Nearest bone of a hand. Nodes of the flexible object i have kBodyCount + i (scene/soft_objects.hpp).
+  /// Nearest bone of the hand. A simulation of several owners of tissue has its own numbers: skin_patches.hpp.
   std::vector<std::uint8_t> node_body;
   std::vector<SkinPoint> contact_points;  ///< the same points of the skin for every mesh of a hand
 

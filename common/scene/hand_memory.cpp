@@ -25,17 +25,19 @@ void HandSimulation::visit_own(Self& self, Visit&& visit) {
 void HandSimulation::save(ByteWriter& out) const {
   visit_own(*this, [&out](const auto& value) { out.write(value); });
   for (const auto& term : terms_) term->save_memory(out);
-  out.write(untangler_.save());
+  for (const auto& hand : hands_) out.write(hand->untangler().save());
 }
 
 void HandSimulation::load(ByteReader& in) {
   const std::size_t nodes = static_cast<std::size_t>(state_.node_positions.cols()), bodies = state_.body_poses.size();
+  const std::size_t bones = bone_contact_forces_.size();
   visit_own(*this, [&in](auto& value) { in.read(value); });
-  if (static_cast<std::size_t>(state_.node_positions.cols()) != nodes || state_.body_poses.size() != bodies)
+  if (static_cast<std::size_t>(state_.node_positions.cols()) != nodes || state_.body_poses.size() != bodies ||
+      bone_contact_forces_.size() != bones)
     throw std::runtime_error("the saved state has another layout than the hand");
   try {
     for (const auto& term : terms_) term->load_memory(in);
-    untangler_.load(in.take<Untangler::Memory>());
+    for (const auto& hand : hands_) hand->untangler().load(in.take<Untangler::Memory>());
   } catch (const std::invalid_argument& error) {
     throw std::runtime_error(std::string("the saved state does not fit: ") + error.what());
   }

@@ -1,24 +1,19 @@
 #include "scene/hand_simulation.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <stdexcept>
 #include <string>
-#include <string_view>
 #include <utility>
 #include <vector>
 
 #include "energies/body_coupling.hpp"
 #include "energies/contact.hpp"
-#include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
 #include "energies/object_joint.hpp"
 #include "energies/other_hands.hpp"
 #include "energies/plane_contact.hpp"
-#include "energies/relaxation.hpp"
-#include "energies/skeleton_tissue.hpp"
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
 #include "math/low_pass.hpp"
@@ -31,30 +26,7 @@ namespace softhand {
 namespace {
 
 constexpr double kStandardGravity = 9.81;  // m/s^2
-
-std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-std::size_t index(Body body) { return static_cast<std::size_t>(index_of(body)); }
-
-// By bone: its own mass plus the mass of the tissue that is nearest to it. It determines the critical damping.
-std::array<double, kBodyCount> attached_masses(const HandModel& hand, const std::vector<double>& node_masses) {
-  std::array<double, kBodyCount> masses{};
-  for (std::size_t b = 0; b < kBodyCount; ++b) masses[b] = hand.bodies[b].mass;
-  for (std::size_t n = 0; n < node_masses.size(); ++n) masses[hand.node_body[n]] += node_masses[n];
-  return masses;
-}
-
-// The weights of the branches for each material of the hand.
-std::vector<RelaxationEnergy::Branches> relaxation_weights(const HandModel& hand, const RelaxationOptions& options) {
-  const std::array<std::pair<std::string_view, RelaxationEnergy::Branches>, 4> known{
-      {{"pulp", options.pulp}, {"palm", options.palm}, {"back", options.back}, {"knuckle", options.knuckle}}};
-  std::vector<RelaxationEnergy::Branches> weights(hand.materials.size(), RelaxationEnergy::Branches{});
-  for (std::size_t m = 0; m < weights.size(); ++m) {
-    for (const auto& [name, branches] : known) {
-      if (hand.materials[m].name == name) weights[m] = branches;
-    }
-  }
-  return weights;
-}
+constexpr std::size_t kCarpus = index_of(Body::carpus);
 
 Twist at_point(const Twist& of_centre, const Vector3& lever) {
   return {of_centre.linear + of_centre.angular.cross(lever), of_centre.angular};
@@ -75,145 +47,115 @@ void follow_carpus(const Twist& carpus, double time_step, Twist& smoothed) {
 
 }  // namespace
 
-// Contact of the hand and of flexible objects with the objects in the slots.
+// Contact of the hands and of flexible objects with the objects in the slots.
 template <typename Visit>
 void HandSimulation::for_each_contacts(Visit&& visit) const {
-  if (contacts_) visit(*contacts_);
+  for (const auto& hand : hands_)
+    if (hand->contacts() != nullptr) visit(*hand->contacts());
   if (soft_ && soft_->contacts() != nullptr) visit(*soft_->contacts());
 }
 
-// Contact of the hand's skin with itself, and of flexible objects with the hand and with each other.
+// Contact of each hand's skin with itself, and between hands and flexible objects.
 template <typename Visit>
 void HandSimulation::for_each_skin(Visit&& visit) const {
-  if (skin_ != nullptr) visit(*skin_);
-  if (soft_) visit(soft_->skin());
+  for (const auto& hand : hands_)
+    if (hand->skin() != nullptr) visit(*hand->skin());
+  if (between_ != nullptr) visit(*between_);
 }
 
 HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots,
                                int static_slots, const ObjectSpring& object_spring, int object_joints,
                                std::vector<SoftObject> soft_objects)
-    : hand_(hand),
-      report_(mirrored_slots + static_slots + static_cast<int>(kMaxSoftObjects)),
+    : HandSimulation(std::vector{hand}, options, mirrored_slots, static_slots, object_spring, object_joints,
+                     std::move(soft_objects)) {}
+
+HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const SimulationOptions& options,
+                               int mirrored_slots, int static_slots, const ObjectSpring& object_spring,
+                               int object_joints, std::vector<SoftObject> soft_objects)
+    : report_(mirrored_slots + static_slots + static_cast<int>(kMaxSoftObjects)),
       object_spring_(object_spring),
       mirrored_slots_(mirrored_slots),
-      static_slots_(static_slots),
-      untangler_(hand, options.untangle_patience) {
-  bone_contact_forces_.fill(Vector3::Zero());
-  const int bodies = kBodyCount + slot_count();
-  if (!soft_objects.empty()) soft_ = std::make_unique<SoftObjects>(hand_, std::move(soft_objects));
-  state_.node_positions = soft_ ? soft_->start_positions() : Eigen::Matrix3Xd(3, hand_nodes());
-  for (int n = 0; n < hand_nodes(); ++n) state_.node_positions.col(n) = hand_.nodes[static_cast<std::size_t>(n)];
+      static_slots_(static_slots) {
+  if (hands.empty() || hands.size() > kMostHands)
+    throw std::invalid_argument(std::to_string(hands.size()) + " hands, expected 1 to " + std::to_string(kMostHands));
+  if (options.other_hands && hands.size() > 1)
+    throw std::invalid_argument("the hands of one process cannot share objects with hands of other processes");
+  TissueModel tissue;  // of all hands
+  for (const HandModel& hand : hands) {
+    hands_.push_back(std::make_unique<SimulatedHand>(hand, tissue.node_count(), hand_count() * kBodyCount, options));
+    append_tissue(tissue, hands_.back()->placed_tissue());
+  }
+  const int hand_nodes = tissue.node_count(), bones = hand_count() * kBodyCount, bodies = bones + slot_count();
+  bone_contact_forces_.assign(static_cast<std::size_t>(bones), Vector3::Zero());
+  if (!soft_objects.empty()) soft_ = std::make_unique<SoftObjects>(tissue, std::move(soft_objects));
+  state_.node_positions = soft_ ? soft_->start_positions() : Eigen::Matrix3Xd(3, hand_nodes);
+  for (int n = 0; n < hand_nodes; ++n) state_.node_positions.col(n) = tissue.nodes[static_cast<std::size_t>(n)];
   state_.node_velocities.setZero(3, state_.node_positions.cols());
   state_.body_poses.resize(static_cast<std::size_t>(bodies));
   state_.body_velocities.resize(static_cast<std::size_t>(bodies));
-  for (int b = 0; b < kBodyCount; ++b)
-    state_.body_poses[static_cast<std::size_t>(b)] = hand_.body_rest_pose(static_cast<Body>(b));
-  for (int j = 0; j < kJointCount; ++j) {
-    const Joint joint = static_cast<Joint>(j);
-    joint_in_body_[index(joint)] = hand_.body_rest_pose(body_of(joint)).inverse() * hand_.rest_joints[index(joint)];
+  for (const auto& hand : hands_) {
+    for (int b = 0; b < kBodyCount; ++b) {
+      const Body bone = static_cast<Body>(b);
+      state_.body_poses[static_cast<std::size_t>(hand->body(bone))] = hand->model().body_rest_pose(bone);
+    }
   }
   modes_.assign(static_cast<std::size_t>(slot_count()), SlotMode::empty);
   objects_.resize(static_cast<std::size_t>(slot_count()));
 
   DofLayout layout = state_.layout();
   layout.border_bodies = slot_count();
-  const std::vector<double> masses = lumped_masses(hand_);
-  const auto attached = attached_masses(hand_, masses);
+  const std::vector<double> masses = soft_ ? soft_->node_masses() : lumped_masses(tissue);
   const Vector3 weight = options.gravity ? Vector3(0, -kStandardGravity, 0) : Vector3(Vector3::Zero());
 
-  auto inertia = std::make_unique<Inertia>(soft_ ? soft_->node_masses() : masses, bodies);
+  auto inertia = std::make_unique<Inertia>(masses, bodies);
   inertia_ = inertia.get();
   inertia->set_node_gravity(weight);
   for (int i = 0; soft_ && i < soft_->count(); ++i) {
     for (int n = soft_->first_node(i); n < soft_->first_node(i + 1); ++n)
       inertia->set_node_gravity(n, soft_->object(i).gravity);
   }
-  for (int b = 0; b < kBodyCount; ++b)
-    inertia->set_dynamic(b, hand_.bodies[static_cast<std::size_t>(b)].mass,
-                         hand_.bodies[static_cast<std::size_t>(b)].inertia, weight);
+  for (const auto& hand : hands_) hand->set_masses(*inertia, weight);
   terms_.push_back(std::move(inertia));
 
   if (options.threads > 1) helper_ = std::make_unique<HelperThread>();
-
-  const bool single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact";
-  // Tissue terms exist only if the hand has tissue.
-  if (!hand_.tetrahedra.empty()) {
-    auto tissue = std::make_unique<Tissue>(hand_);
-    tissue_ = tissue.get();
-    if (helper_) tissue->use(*helper_);
-    if (single_hessian) tissue->use_single_hessian();
-    terms_.push_back(std::move(tissue));
-    if (options.relaxation.active) {
-      auto relaxation = std::make_unique<RelaxationEnergy>(hand_, options.relaxation.time_constants,
-                                                           relaxation_weights(hand_, options.relaxation));
-      if (single_hessian) relaxation->use_single_hessian();
-      if (relaxation->element_count() > 0) terms_.push_back(std::move(relaxation));
-    }
-    auto attachments = std::make_unique<SkeletonTissue>(hand_, layout);
-    attachments_ = attachments.get();
-    terms_.push_back(std::move(attachments));
-  }
-  terms_.push_back(std::make_unique<JointEnergy>(hand_joints(hand_), layout));
-
-  std::vector<CouplingSite> bones;
-  for (int b = 0; b < kBodyCount; ++b) {
-    const BodyModel& body = hand_.bodies[static_cast<std::size_t>(b)];
-    CouplingGains gains;
-    gains.linear_stiffness = body.coupling_linear_stiffness;
-    gains.angular_stiffness = body.coupling_angular_stiffness;
-    gains.linear_damping = 2 * options.coupling_damping_ratio *
-                           std::sqrt(body.coupling_linear_stiffness * attached[static_cast<std::size_t>(b)]);
-    const double turning_inertia = body.inertia.trace() / 3 * attached[static_cast<std::size_t>(b)] / body.mass;
-    gains.angular_damping =
-        2 * options.coupling_damping_ratio * std::sqrt(body.coupling_angular_stiffness * turning_inertia);
-    gains.force_cap = body.coupling_force_cap;
-    gains.torque_cap = body.coupling_torque_cap;
-    bones.push_back({b, body.joint_from_body.inverse(), gains});
-  }
-  auto coupling = std::make_unique<BodyCoupling>("coupling", std::move(bones), layout);
-  coupling_ = coupling.get();
-  terms_.push_back(std::move(coupling));
-
-  // Object terms exist only if there are slots for objects.
-  if (slot_count() > 0) {
-    contacts_ = std::make_unique<ContactSet>(ContactPoints(hand_, masses), layout.node_count, options.contact_stiffness,
-                                             kBodyCount, mirrored_slots_, slot_count());
-    terms_.push_back(std::make_unique<ContactEnergy>(*contacts_));
-    terms_.push_back(std::make_unique<FrictionEnergy>(*contacts_));
-  }
-  if (options.skin_contact && tissue_ != nullptr) {
-    auto skin = std::make_unique<SkinContact>(hand_, masses, options.contact_stiffness, options.skin_friction);
-    skin_ = skin.get();
-    terms_.push_back(std::move(skin));
-  }
+  for (const auto& hand : hands_)
+    hand->add_terms(options, layout, mirrored_slots_, slot_count(), helper_.get(), terms_);
   if (soft_) {
     soft_->add_terms({.contact_stiffness = options.contact_stiffness,
-                      .first_body = kBodyCount,
+                      .first_body = bones,
                       .mirrored_slots = mirrored_slots_,
                       .slots = slot_count(),
-                      .single_hessian = single_hessian,
+                      .single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact",
                       .helper = helper_.get()},
                      terms_);
   }
+  if (soft_ || hand_count() > 1) {
+    auto between = std::make_unique<SkinContact>(soft_ ? soft_->model() : tissue, masses, options.contact_stiffness,
+                                                 options.skin_friction,
+                                                 soft_ ? soft_->frictions() : std::vector<double>{}, "skin_between");
+    between_ = between.get();
+    if (soft_) soft_->use(*between_);
+    terms_.push_back(std::move(between));
+  }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
-    auto planes = std::make_unique<PlaneContact>(layout, kBodyCount, mirrored_slots_);
+    auto planes = std::make_unique<PlaneContact>(layout, bones, mirrored_slots_);
     planes_ = planes.get();
     terms_.push_back(std::move(planes));
     if (options.other_hands) {
-      auto other_hands = std::make_unique<OtherHands>(layout, kBodyCount, mirrored_slots_);
+      auto other_hands = std::make_unique<OtherHands>(layout, bones, mirrored_slots_);
       other_hands_ = other_hands.get();
       terms_.push_back(std::move(other_hands));
     }
   }
   // In mode symmetric the joints act in the world alone.
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0 && object_joints > 0) {
-    auto joints = std::make_unique<ObjectJointEnergy>(layout, kBodyCount, mirrored_slots_, object_joints);
+    auto joints = std::make_unique<ObjectJointEnergy>(layout, bones, mirrored_slots_, object_joints);
     joints_ = joints.get();
     terms_.push_back(std::move(joints));
   }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness > 0) {
     std::vector<CouplingSite> sites;
-    for (int slot = 0; slot < mirrored_slots_; ++slot) sites.push_back({kBodyCount + slot, Pose{}, {}});
+    for (int slot = 0; slot < mirrored_slots_; ++slot) sites.push_back({slot_body(slot), Pose{}, {}});
     auto objects = std::make_unique<BodyCoupling>("object_coupling", std::move(sites), layout);
     object_coupling_ = objects.get();
     terms_.push_back(std::move(objects));
@@ -224,12 +166,15 @@ HandSimulation::HandSimulation(const HandModel& hand, const SimulationOptions& o
   SolverOptions solver_options = options.solver;
   solver_options.helper = helper_.get();
   solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, solver_options);
-  std::vector<Linkage::Link> links(kBodyCount);
-  for (const JointSite& joint : hand_joints(hand_))
-    links[static_cast<std::size_t>(joint.child)] = {joint.parent, joint.child_from_joint.position};
-  std::vector<std::int32_t> node_bodies(hand_.node_body.begin(), hand_.node_body.end());
-  node_bodies.resize(static_cast<std::size_t>(layout.node_count), -1);
-  solver_->use_linkage(Linkage(layout, std::move(links), std::move(node_bodies)),
+  std::vector<Linkage::Link> links(static_cast<std::size_t>(bones));
+  for (const auto& hand : hands_) {
+    for (const JointSite& joint : hand_joints(hand->model()))
+      links[static_cast<std::size_t>(hand->first_body() + joint.child)] = {hand->first_body() + joint.parent,
+                                                                           joint.child_from_joint.position};
+  }
+  node_bones_.assign(tissue.node_body.begin(), tissue.node_body.end());
+  node_bones_.resize(static_cast<std::size_t>(layout.node_count), -1);
+  solver_->use_linkage(Linkage(layout, std::move(links), node_bones_),
                        [this](Linkage& linkage) { return prepare(linkage); });
 }
 
@@ -240,11 +185,14 @@ bool HandSimulation::prepare(Linkage& linkage) const {
   linkage.clear_touching();
   const auto touch = [&](std::span<const std::int32_t> nodes) {
     for (const std::int32_t node : nodes) {
-      if (node < hand_nodes()) linkage.set_touching(hand_.node_body[static_cast<std::size_t>(node)]);
+      const std::int32_t bone = node_bones_[static_cast<std::size_t>(node)];
+      if (bone >= 0) linkage.set_touching(bone);
     }
   };
-  if (contacts_) {
-    for (const ContactSet::Anchor& anchor : contacts_->anchors()) touch(contacts_->points().nodes(anchor.point));
+  for (const auto& hand : hands_) {
+    if (hand->contacts() == nullptr) continue;
+    for (const ContactSet::Anchor& anchor : hand->contacts()->anchors())
+      touch(hand->contacts()->points().nodes(anchor.point));
   }
   for_each_skin([&touch](const SkinContact& skin) {
     for (const SkinAnchor& anchor : skin.anchors()) {
@@ -257,17 +205,10 @@ bool HandSimulation::prepare(Linkage& linkage) const {
          std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
 }
 
-void HandSimulation::reposition(const Pose& wrist) {
-  const Pose move = wrist * joint_pose(Joint::wrist).inverse();
-  for (int n = 0; n < hand_nodes(); ++n) state_.node_positions.col(n) = move * Vector3(state_.node_positions.col(n));
-  state_.node_velocities.leftCols(hand_nodes()).setZero();
-  for (std::size_t b = 0; b < kBodyCount; ++b) {
-    state_.body_poses[b] = move * state_.body_poses[b];
-    state_.body_velocities[b] = {};
-  }
+void HandSimulation::reposition(const Pose& wrist, int hand) {
+  at(hand).reposition(state_, wrist);
   carpus_velocity_ = {};
-  if (contacts_) contacts_->reset();
-  if (soft_) soft_->skin().reset();
+  if (between_ != nullptr) between_->reset();
   stored_is_valid_ = false;
 }
 
@@ -280,19 +221,20 @@ void HandSimulation::restore(const State& state) {
   }
   state_ = state;
   for (const auto& term : terms_) term->reset_memory();
-  untangler_.reset();
+  for (const auto& hand : hands_) hand->untangler().reset();
   ledger_.restart();
   stored_is_valid_ = false;
   carpus_velocity_ = {};
   restored_ = true;
 }
 
-void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity, double strength) {
-  coupling_->set_target(index_of(body), joint, velocity, strength);
+void HandSimulation::set_target(Body body, const Pose& joint, const Twist& velocity, double strength, int hand) {
+  at(hand).coupling().set_target(index_of(body), joint, velocity, strength);
 }
 
 void HandSimulation::clear_targets() {
-  for (int b = 0; b < kBodyCount; ++b) coupling_->clear_target(b);
+  for (const auto& hand : hands_)
+    for (int b = 0; b < kBodyCount; ++b) hand->coupling().clear_target(b);
 }
 
 void HandSimulation::set_slot(int slot, const MirroredObject& object) {
@@ -311,8 +253,8 @@ void HandSimulation::set_slot(int slot, const MirroredObject& object) {
 
 void HandSimulation::clear_slot(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::empty;
-  inertia_->hold(kBodyCount + slot);
-  state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = {};
+  inertia_->hold(slot_body(slot));
+  state_.body_velocities[static_cast<std::size_t>(slot_body(slot))] = {};
   set_contact_object(slot);
   if (!slot_is_static(slot)) {
     if (planes_ != nullptr) planes_->clear_object(slot);
@@ -321,8 +263,8 @@ void HandSimulation::clear_slot(int slot) {
 }
 
 void HandSimulation::set_slot_motion(int slot, const Pose& pose, const Twist& velocity) {
-  state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)] = pose;
-  state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)] = velocity;
+  state_.body_poses[static_cast<std::size_t>(slot_body(slot))] = pose;
+  state_.body_velocities[static_cast<std::size_t>(slot_body(slot))] = velocity;
 }
 
 // Gives the object in the slot to the contacts.
@@ -341,7 +283,7 @@ void HandSimulation::set_contact_object(int slot) {
 
 void HandSimulation::make_kinematic(int slot) {
   modes_[static_cast<std::size_t>(slot)] = SlotMode::kinematic;
-  inertia_->hold(kBodyCount + slot);
+  inertia_->hold(slot_body(slot));
   set_contact_object(slot);
   if (planes_ != nullptr && !slot_is_static(slot)) planes_->clear_object(slot);
 }
@@ -359,7 +301,7 @@ void HandSimulation::make_dynamic(int slot, const Vector3& gravity) {
       planes_->set_object(slot, object.shape, object.mass, weight);
     }
   }
-  inertia_->set_dynamic(kBodyCount + slot, object.mass, object.inertia, gravity);
+  inertia_->set_dynamic(slot_body(slot), object.mass, object.inertia, gravity);
   set_contact_object(slot);
 }
 
@@ -400,7 +342,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   stored_is_valid_ = other.stored_is_valid_;
   take_objects(other);
   for (std::size_t t = 0; t < terms_.size(); ++t) terms_[t]->copy_memory(*other.terms_[t]);
-  untangler_.load(other.untangler_.save());
+  for (std::size_t h = 0; h < hands_.size(); ++h) hands_[h]->untangler().load(other.hands_[h]->untangler().save());
   solver_->take_factor(*other.solver_);
 }
 
@@ -408,9 +350,8 @@ StepReport HandSimulation::step(double time_step) {
   if (helper_) helper_->wake();
   // A restored state can be anything. Tissue that would throw bones and objects in the first step is put back before
   // this step and before the ledger starts.
-  if (std::exchange(restored_, false) && tissue_ != nullptr) {
-    untangled_nodes_ +=
-        static_cast<std::uint64_t>(untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_));
+  if (std::exchange(restored_, false)) {
+    for (const auto& hand : hands_) untangled_nodes_ += static_cast<std::uint64_t>(hand->check_outside_state(state_));
   }
   if (soft_) soft_->update_passing(state_, passes_soft_objects_);
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
@@ -419,39 +360,32 @@ StepReport HandSimulation::step(double time_step) {
   if (!report.state_changed) {
     for (const auto& term : terms_) term->cancel_step();
   }
-  if (report.status == StepStatus::budget_spent) limit_node_velocities();
+  if (report.status == StepStatus::budget_spent) {
+    // After a step that was cut off, tissue is out of balance, and a node's velocity does not predict its next
+    // movement. But contacts are predicted from velocities. A slower velocity adds no energy.
+    for (const auto& hand : hands_) hand->limit_node_velocities(state_);
+  }
   if (report.state_changed) collect_bone_contacts();
   if (report.state_changed && other_hands_ != nullptr)
-    follow_carpus(state_.body_velocities[index(Body::carpus)], time_step, carpus_velocity_);
+    follow_carpus(state_.body_velocities[kCarpus], time_step, carpus_velocity_);
   if (ledger_enabled_) enter_step(report);
-  if (report.state_changed && tissue_ != nullptr) {
-    const Untangler::Due due = untangler_.due(time_step, tissue_energy(report));
-    int moved = 0;
-    if (due == Untangler::Due::full_check)
-      moved = untangler_.full_check(state_, contacts_.get(), kinetic_energy(), *tissue_, *attachments_);
-    if (due == Untangler::Due::quick_check)
-      moved = untangler_.quick_check(state_, contacts_.get(), *tissue_, *attachments_);
-    if (moved > 0) {
-      for_each_skin([](SkinContact& skin) { skin.reset(); });
-      untangled_nodes_ += static_cast<std::uint64_t>(moved);
-      untangled_ = true;
-      stored_is_valid_ = false;
-    }
-  }
+  if (report.state_changed) untangle(report, time_step);
   return report;
 }
 
-// After a step that was cut off, tissue is out of balance, and a node's velocity does not predict its next movement.
-// But contacts are predicted from velocities. So each node gets the velocity of its bone at the node, if this is
-// slower. This adds no energy.
-void HandSimulation::limit_node_velocities() {
-  for (int n = 0; n < hand_nodes(); ++n) {
-    const std::size_t bone = hand_.node_body[static_cast<std::size_t>(n)];
-    const Vector3 lever = state_.node_positions.col(n) - state_.body_poses[bone].position;
-    const Vector3 bone_velocity = at_point(state_.body_velocities[bone], lever).linear;
-    if (bone_velocity.squaredNorm() < state_.node_velocities.col(n).squaredNorm())
-      state_.node_velocities.col(n) = bone_velocity;
+void HandSimulation::untangle(const StepReport& report, double time_step) {
+  int moved = 0;
+  for (const auto& hand : hands_) {
+    double energy = 0;
+    for (std::size_t t = 0; t < terms_.size(); ++t)
+      if (hand->is_tissue(terms_[t].get())) energy += report.terms[t].joules;
+    moved += hand->untangle(state_, time_step, energy, *inertia_);
   }
+  if (moved == 0) return;
+  for_each_skin([](SkinContact& skin) { skin.reset(); });
+  untangled_nodes_ += static_cast<std::uint64_t>(moved);
+  untangled_ = true;
+  stored_is_valid_ = false;
 }
 
 void HandSimulation::enable_ledger(bool enable) {
@@ -477,7 +411,9 @@ void HandSimulation::enter_step(const StepReport& report) {
     const double start = report.chord && stored_is_valid_ ? stored_[t] : term.start;
     EnergyFlow flow = terms_[t]->flow(start, term.joules, term.taken);
     // Energy change of nodes that were put back before the step. Inertia and contacts account for it themselves.
-    if (untangled_ && (terms_[t].get() == tissue_ || terms_[t].get() == attachments_)) flow.work += start - stored_[t];
+    const bool is_tissue =
+        std::any_of(hands_.begin(), hands_.end(), [&](const auto& hand) { return hand->is_tissue(terms_[t].get()); });
+    if (untangled_ && is_tissue) flow.work += start - stored_[t];
     stored_[t] = flow.stored;
     step += flow;
   }
@@ -491,32 +427,19 @@ void HandSimulation::enter_step(const StepReport& report) {
   }
 }
 
-double HandSimulation::tissue_energy(const StepReport& report) const {
-  double energy = 0;
-  for (std::size_t t = 0; t < terms_.size(); ++t) {
-    if (terms_[t].get() == tissue_ || terms_[t].get() == attachments_) energy += report.terms[t].joules;
-  }
-  return energy;
-}
+Pose HandSimulation::joint_pose(Joint joint, int hand) const { return at(hand).joint_pose(state_, joint); }
+Twist HandSimulation::joint_velocity(Joint joint, int hand) const { return at(hand).joint_velocity(state_, joint); }
 
-Pose HandSimulation::joint_pose(Joint joint) const {
-  return state_.body_poses[index(body_of(joint))] * joint_in_body_[index(joint)];
+Wrench HandSimulation::coupling_wrench(Body body, int hand) const {
+  return at(hand).coupling().wrench(index_of(body), state_);
 }
-
-Twist HandSimulation::joint_velocity(Joint joint) const {
-  const std::size_t body = index(body_of(joint));
-  const Vector3 lever = state_.body_poses[body].orientation * joint_in_body_[index(joint)].position;
-  return at_point(state_.body_velocities[body], lever);
-}
-
-Wrench HandSimulation::coupling_wrench(Body body) const { return coupling_->wrench(index_of(body), state_); }
 
 Wrench HandSimulation::object_coupling_wrench(int slot) const {
   return object_coupling_ == nullptr || slot_is_static(slot) ? Wrench{} : object_coupling_->wrench(slot, state_);
 }
 
 Wrench HandSimulation::joint_wrench(int slot) const {
-  return joints_ == nullptr || slot_is_static(slot) ? Wrench{} : joints_->wrench(kBodyCount + slot);
+  return joints_ == nullptr || slot_is_static(slot) ? Wrench{} : joints_->wrench(slot_body(slot));
 }
 
 Wrench HandSimulation::other_hands_wrench(int slot) const {
@@ -528,7 +451,7 @@ int HandSimulation::joint_count() const { return joints_ == nullptr ? 0 : joints
 void HandSimulation::set_joint(int place, const MirroredJoint& from) {
   ObjectJoint joint;
   joint.law = from.law;
-  joint.child = kBodyCount + from.child_slot;
+  joint.child = slot_body(from.child_slot);
   joint.parent_from_joint = from.parent_from_joint;
   joint.child_from_joint = from.child_from_joint;
   const MirroredObject& child = objects_[static_cast<std::size_t>(from.child_slot)];
@@ -536,7 +459,7 @@ void HandSimulation::set_joint(int place, const MirroredJoint& from) {
   joint.child_inertia = child.inertia;
   if (from.parent_slot >= 0) {
     const MirroredObject& parent = objects_[static_cast<std::size_t>(from.parent_slot)];
-    joint.parent = kBodyCount + from.parent_slot;
+    joint.parent = slot_body(from.parent_slot);
     joint.parent_mass = parent.mass;
     joint.parent_inertia = parent.inertia;
   }
@@ -556,7 +479,13 @@ Wrench HandSimulation::contact_wrench(int slot) const {
   });
   return sum;
 }
-int HandSimulation::contact_count() const { return contacts_ ? contacts_->count() : 0; }
+
+int HandSimulation::contact_count() const {
+  int count = 0;
+  for (const auto& hand : hands_) count += hand->contacts() == nullptr ? 0 : hand->contacts()->count();
+  return count;
+}
+
 void HandSimulation::look_ahead(double time_step) {
   for_each_contacts([&](ContactSet& contacts) { contacts.look_ahead(state_, time_step); });
 }
@@ -574,34 +503,37 @@ bool HandSimulation::touched(int slot) const {
   });
   return touches;
 }
-void HandSimulation::write_contacts(Contacts& out) const {
+void HandSimulation::write_contacts(Contacts& out, int hand) const {
+  const SimulatedHand& of = at(hand);
   report_.begin(out);
   out.near.clear();
-  if (contacts_) contacts_->write(state_, report_, out);
-  if (soft_) soft_->write_contacts(state_, slot_count(), report_, out);
+  if (of.contacts() != nullptr) of.contacts()->write(state_, report_, out);
+  if (soft_) soft_->write_contacts(state_, hand, slot_count(), report_, out);
+  for (Contact& contact : out.contacts) contact.node -= static_cast<std::uint32_t>(of.first_node());
   report_.finish(
       [this](int place) {
         return place < slot_count() ? objects_[static_cast<std::size_t>(place)].id
                                     : SoftObjects::id(place - slot_count());
       },
       out);
-  if (contacts_) contacts_->write_near(state_, out);
+  if (of.contacts() != nullptr) of.contacts()->write_near(state_, out);
 }
 
 void HandSimulation::restart_soft_object(int object) {
   const int first = soft_->first_node(object), nodes = soft_->node_count(object);
   state_.node_positions.middleCols(first, nodes) = soft_->start_positions().middleCols(first, nodes);
   state_.node_velocities.middleCols(first, nodes).setZero();
-  soft_->skin().reset();
-  soft_->skin().set_passing(object, true);
+  between_->reset();
+  between_->set_passing(object, true);
   if (soft_->contacts() != nullptr) soft_->contacts()->reset();
   stored_is_valid_ = false;
 }
 
 void HandSimulation::write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const {
-  if (!contacts_) return;
+  if (at(0).contacts() == nullptr) return;
   const std::size_t first = patches.size();
-  softhand::write_patches(hand_, *contacts_, state_, slot, objects_[static_cast<std::size_t>(slot)].id, patches);
+  softhand::write_patches(hand(), *at(0).contacts(), state_, slot, objects_[static_cast<std::size_t>(slot)].id,
+                          patches);
   for (std::size_t p = first; p < patches.size(); ++p) {
     const Twist velocity = carrying_velocity(to_vector(patches.items[p].point));
     patches.items[p].linear_velocity = to_wire(velocity.linear);
@@ -610,35 +542,48 @@ void HandSimulation::write_patches(int slot, BoundedVector<ContactPatch, kMaxPat
 }
 
 Twist HandSimulation::carrying_velocity(const Vector3& place) const {
-  return at_point(carpus_velocity_, place - state_.body_poses[index(Body::carpus)].position);
+  return at_point(carpus_velocity_, place - state_.body_poses[kCarpus].position);
 }
 
-void HandSimulation::write_traction(double time_step, SkinTractionReport& report, SkinTraction& out) const {
+void HandSimulation::write_traction(double time_step, SkinTractionReport& report, SkinTraction& out, int hand) const {
+  const SimulatedHand& of = at(hand);
   report.begin(state_);
-  const std::size_t hand_points = hand_.contact_points.size(), hand_triangles = hand_.surface.size();
-  if (contacts_) {
-    for (const ContactSet::Anchor& anchor : contacts_->anchors()) {
-      const SkinForce of{anchor.force, -contacts_->offset(anchor, state_).normal, anchor.slip_speed,
-                         objects_[static_cast<std::size_t>(anchor.slot)].id};
+  const std::size_t hand_points = of.model().contact_points.size(), hand_triangles = of.model().surface.size();
+  if (of.contacts() != nullptr) {
+    for (const ContactSet::Anchor& anchor : of.contacts()->anchors()) {
+      const SkinForce force{anchor.force, -of.contacts()->offset(anchor, state_).normal, anchor.slip_speed,
+                            objects_[static_cast<std::size_t>(anchor.slot)].id};
       const auto point = static_cast<std::size_t>(anchor.point);
       if (point < hand_points) {
-        report.add(point, of);
+        report.add(point, force);
       } else {  // a sharp point of the object
-        report.add(point - hand_points, contacts_->position(anchor, state_), of);
+        report.add(point - hand_points, of.contacts()->position(anchor, state_), force);
       }
     }
   }
-  const auto object_of = [](int part) { return part < kSkinParts ? 0u : SoftObjects::id(part - kSkinParts); };
-  for_each_skin([&](const SkinContact& skin) {
+  const auto object_of = [](int part) { return part < kFirstSoftPart ? 0u : SoftObjects::id(part - kFirstSoftPart); };
+  // Points and triangles of the hand begin at `first_point` and `first_triangle` of the contact's model.
+  const auto add_skin = [&](const SkinContact& skin, std::size_t first_point, std::size_t first_triangle) {
     for (const SkinAnchor& anchor : skin.anchors()) {
       const Vector3 normal = skin.offset(anchor, state_).normal;  // of the triangle
-      const auto point = static_cast<std::size_t>(anchor.point), triangle = static_cast<std::size_t>(anchor.triangle);
+      // What lies before the first one wraps around to a large number.
+      const std::size_t point = static_cast<std::size_t>(anchor.point) - first_point;
+      const std::size_t triangle = static_cast<std::size_t>(anchor.triangle) - first_triangle;
       if (point < hand_points) report.add(point, {anchor.force, -normal, anchor.slip_speed, object_of(anchor.slot)});
       if (triangle < hand_triangles)
         report.add(triangle, skin.points().at(anchor.point, state_.node_positions),
                    {-anchor.force, normal, anchor.slip_speed, object_of(skin_part(skin.points()[anchor.point].body))});
     }
-  });
+  };
+  if (of.skin() != nullptr) add_skin(*of.skin(), 0, 0);
+  if (between_ != nullptr) {
+    std::size_t first_point = 0, first_triangle = 0;
+    for (int before = 0; before < hand; ++before) {
+      first_point += at(before).model().contact_points.size();
+      first_triangle += at(before).model().surface.size();
+    }
+    add_skin(*between_, first_point, first_triangle);
+  }
   report.write(time_step, out);
 }
 
@@ -655,47 +600,52 @@ void HandSimulation::add_other_hand(int slot, const ContactPatch& patch, const P
 }
 
 void HandSimulation::collect_bone_contacts() {
-  bone_contact_forces_.fill(Vector3::Zero());
-  const auto add = [this](const ContactPoints& points, const ContactAnchor& anchor) {
-    points.for_each_bone(anchor.point, hand_.node_body, [this, &anchor](std::size_t bone, double share) {
-      bone_contact_forces_[bone] += share * anchor.force;
-    });
-  };
-  if (contacts_) {
-    for (const ContactSet::Anchor& anchor : contacts_->anchors()) add(contacts_->points(), anchor);
-  }
+  std::fill(bone_contact_forces_.begin(), bone_contact_forces_.end(), Vector3::Zero());
   const auto add_node = [this](std::int32_t node, const Vector3& force) {
-    if (node < hand_nodes()) bone_contact_forces_[hand_.node_body[static_cast<std::size_t>(node)]] += force;
+    const std::int32_t bone = node_bones_[static_cast<std::size_t>(node)];
+    if (bone >= 0) bone_contact_forces_[static_cast<std::size_t>(bone)] += force;
   };
+  const auto add_point = [&](const ContactPoint& point, const Vector3& force) {
+    for (std::size_t k = 0; k < static_cast<std::size_t>(point.node_count); ++k)
+      add_node(point.nodes[k], point.weights[k] * force);
+  };
+  for (const auto& hand : hands_) {
+    if (hand->contacts() == nullptr) continue;
+    for (const ContactSet::Anchor& anchor : hand->contacts()->anchors())
+      add_point(hand->contacts()->points()[anchor.point], anchor.force);
+  }
   for_each_skin([&](const SkinContact& skin) {
     for (const SkinAnchor& anchor : skin.anchors()) {
-      const ContactPoint& point = skin.points()[anchor.point];
-      for (std::size_t k = 0; k < static_cast<std::size_t>(point.node_count); ++k)
-        add_node(point.nodes[k], point.weights[k] * anchor.force);
+      add_point(skin.points()[anchor.point], anchor.force);
       for (const std::int32_t node : skin.search().corners(anchor.triangle)) add_node(node, -anchor.force / 3);
     }
   });
 }
 
 double HandSimulation::deepest_penetration() const {
-  return contacts_ ? contacts_->penetration_quantile(state_, 1) : 0.0;
+  double deepest = 0;
+  for (const auto& hand : hands_)
+    if (hand->contacts() != nullptr) deepest = std::max(deepest, hand->contacts()->penetration_quantile(state_, 1));
+  return deepest;
 }
 
 double HandSimulation::largest_coupling_stretch() const {
   double largest = 0;
-  for (int b = 0; b < kBodyCount; ++b) largest = std::max(largest, coupling_->stretch(b, state_));
+  for (const auto& hand : hands_) largest = std::max(largest, hand->largest_coupling_stretch(state_));
   return largest;
 }
 
 double HandSimulation::kinetic_energy() const { return inertia_->kinetic_energy(state_); }
 int HandSimulation::inverted_elements() const {
-  return (tissue_ == nullptr ? 0 : tissue_->inverted_elements(state_)) +
-         (soft_ ? soft_->tissue().inverted_elements(state_) : 0);
+  int inverted = soft_ ? soft_->tissue().inverted_elements(state_) : 0;
+  for (const auto& hand : hands_) inverted += hand->tissue() == nullptr ? 0 : hand->tissue()->inverted_elements(state_);
+  return inverted;
 }
 
 WorkCounters HandSimulation::work() const {
   WorkCounters work;
-  work.tissue_elements = tissue_ == nullptr ? 0 : tissue_->evaluated_elements();
+  for (const auto& hand : hands_)
+    if (hand->tissue() != nullptr) work.tissue_elements += hand->tissue()->evaluated_elements();
   if (soft_) work.soft_elements = soft_->tissue().evaluated_elements();
   for_each_contacts([&](const ContactSet& contacts) { work.contact_queries += contacts.queries(); });
   for_each_skin([&](const SkinContact& skin) {

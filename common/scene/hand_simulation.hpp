@@ -1,10 +1,14 @@
-// One simulated hand with the objects that it can touch. Only this file and its .cpp name every energy term.
+// One or two simulated hands with the objects that they can touch. Only this file, simulated_hand.cpp and
+// soft_objects.cpp name the energy terms.
 //
-// Nodes of the state: first those of the hand, then those of the flexible objects (soft_objects.hpp).
+// Nodes of the state: first those of the hands, hand by hand, then those of the flexible objects (soft_objects.hpp).
 //
-// Bodies of the state: 0..20 are the bones, then come `mirrored_slots` objects that may move, then `static_slots`
-// objects that may not move. A slot is empty, kinematic or dynamic. The motion of a kinematic object is prescribed, and
-// no force changes it. A dynamic object is a twin with mass, inertia and gravity.
+// Bodies of the state: first the 21 bones of each hand, then `mirrored_slots` objects that may move, then
+// `static_slots` objects that may not move. A slot is empty, kinematic or dynamic. The motion of a kinematic object is
+// prescribed, and no force changes it. A dynamic object is a twin with mass, inertia and gravity.
+//
+// Two hands touch each other, and the objects, in one implicit system. All blocks between hands are loose blocks of the
+// matrix, so the factor has the block of one hand beside that of the other (docs/two-hands.md).
 #pragma once
 
 #include <array>
@@ -19,9 +23,9 @@
 #include "messages/plain_bytes.hpp"
 #include "model/hand_model.hpp"
 #include "model/joint_law.hpp"
+#include "scene/simulated_hand.hpp"
 #include "scene/simulation_options.hpp"
 #include "scene/soft_objects.hpp"
-#include "scene/untangle.hpp"
 #include "solver/newton_solver.hpp"
 
 namespace softhand {
@@ -34,7 +38,6 @@ class OtherHands;
 class PlaneContact;
 class SkinContact;
 class SkinTractionReport;
-class Tissue;
 
 enum class SlotMode : std::uint8_t { empty, kinematic, dynamic };
 
@@ -67,7 +70,7 @@ struct ObjectSpring {
 
 /// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
-  std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of the hand
+  std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of a hand
   std::uint64_t soft_elements = 0;      ///< evaluations of a tetrahedron of a flexible object
   std::uint64_t contact_queries = 0;    ///< searches for the point where a node meets an object
   std::uint64_t skin_part_queries = 0;  ///< tests whether two parts of the skin are near each other
@@ -83,24 +86,34 @@ class HandSimulation {
   HandSimulation(const HandModel& hand, const SimulationOptions& options, int mirrored_slots, int static_slots,
                  const ObjectSpring& object_spring = {}, int object_joints = 0,
                  std::vector<SoftObject> soft_objects = {});
+  /// The same for one or two hands. Each is at rest with its wrist at the world's origin: `reposition` them before the
+  /// first step. Functions that have a number `hand` are about one of them. Two hands cannot share an object with hands
+  /// of other processes: throws std::invalid_argument with the option `other_hands`.
+  HandSimulation(const std::vector<HandModel>& hands, const SimulationOptions& options, int mirrored_slots,
+                 int static_slots, const ObjectSpring& object_spring = {}, int object_joints = 0,
+                 std::vector<SoftObject> soft_objects = {});
   ~HandSimulation();
 
-  const HandModel& hand() const { return hand_; }
+  int hand_count() const { return static_cast<int>(hands_.size()); }
+  const HandModel& hand(int hand = 0) const { return at(hand).model(); }
+  /// First node and first bone of a hand in the state.
+  int first_node(int hand) const { return at(hand).first_node(); }
+  int first_body(int hand) const { return at(hand).first_body(); }
   const State& state() const { return state_; }
   int slot_count() const { return mirrored_slots_ + static_slots_; }
   bool slot_is_static(int slot) const { return slot >= mirrored_slots_; }
 
   /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Its velocities become zero and its
-  /// contacts end.
-  void reposition(const Pose& wrist);
+  /// contacts end. With them end all contacts between hands and of flexible objects.
+  void reposition(const Pose& wrist, int hand = 0);
   /// Continues from another state of the same layout, for example a stored one. Contacts end and the energy ledger
   /// restarts. Throws std::invalid_argument if the layout differs.
   void restore(const State& state);
 
   /// Target of eq. 18 for one bone: its joint frame in the world, and the velocity of that frame's origin. It is valid
   /// until changed. `strength`: part of the gains and caps of the hand file, > 0 and at most 1.
-  void set_target(Body body, const Pose& joint, const Twist& velocity, double strength = 1);
-  /// Clears the targets of all bones. A bone is not pulled until it has a target again.
+  void set_target(Body body, const Pose& joint, const Twist& velocity, double strength = 1, int hand = 0);
+  /// Clears the targets of all bones of all hands. A bone is not pulled until it has a target again.
   void clear_targets();
 
   void set_slot(int slot, const MirroredObject& object);
@@ -111,8 +124,8 @@ class HandSimulation {
   void set_slot_motion(int slot, const Pose& pose, const Twist& velocity);
   void make_kinematic(int slot);
   void make_dynamic(int slot, const Vector3& gravity);
-  Pose slot_pose(int slot) const { return state_.body_poses[static_cast<std::size_t>(kBodyCount + slot)]; }
-  Twist slot_velocity(int slot) const { return state_.body_velocities[static_cast<std::size_t>(kBodyCount + slot)]; }
+  Pose slot_pose(int slot) const { return state_.body_poses[static_cast<std::size_t>(slot_body(slot))]; }
+  Twist slot_velocity(int slot) const { return state_.body_velocities[static_cast<std::size_t>(slot_body(slot))]; }
   /// Planes that stop a dynamic slot in the world (mode owner).
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
   // Contacts of other hands with an object in a dynamic slot (mode owner, energies/other_hands.hpp). They act in the
@@ -132,13 +145,13 @@ class HandSimulation {
   double joint_coordinate(int place) const;
   double joint_gap(int place) const;
 
-  /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hand
+  /// Copies the whole state of `other`, including contacts: both then continue alike. `other` must have the same hands
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
 
-  // A saved state (docs/flight-recorder.md). A simulation of the same hand and options that loads it continues with the
-  // same bits as the one that saved it, if that one calls `forget` at the same time.
-  /// Writes the state and the memories of all terms and of the untangler. Does not allocate.
+  // A saved state (docs/flight-recorder.md). A simulation of the same hands and options that loads it continues with
+  // the same bits as the one that saved it, if that one calls `forget` at the same time.
+  /// Writes the state and the memories of all terms and of the untanglers. Does not allocate.
   void save(ByteWriter& out) const;
   /// The caller has put the objects into their slots and the joints into their places, as they were. Throws
   /// std::runtime_error if the bytes do not fit. Then part of them may have been loaded.
@@ -164,14 +177,14 @@ class HandSimulation {
   void enable_ledger(bool enable);
 
   // Results of the last step.
-  Pose joint_pose(Joint joint) const;
-  Twist joint_velocity(Joint joint) const;
+  Pose joint_pose(Joint joint, int hand = 0) const;
+  Twist joint_velocity(Joint joint, int hand = 0) const;
   /// Velocity (world) of the point at `place` if it moved rigidly with the carpus, without the noise of a hand at rest.
   /// 0 without the option `other_hands`.
   Twist carrying_velocity(const Vector3& place) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
-  Wrench coupling_wrench(Body body) const;
-  /// Wrench of the hand and of flexible objects on the object in the slot, about the object's centre of mass.
+  Wrench coupling_wrench(Body body, int hand = 0) const;
+  /// Wrench of the hands and of flexible objects on the object in the slot, about the object's centre of mass.
   Wrench contact_wrench(int slot) const;
   Wrench object_coupling_wrench(int slot) const;
   /// Wrench of the other hands on the object in the slot in the last step, about its centre of mass.
@@ -182,34 +195,39 @@ class HandSimulation {
   void look_ahead(double time_step);
   /// Whether any node may touch the object in the next step (`ContactSet::may_touch`).
   bool may_touch(int slot);
-  /// Whether any node of the hand or of a flexible object touched the object in the last step.
+  /// Whether any node of a hand or of a flexible object touched the object in the last step.
   bool touched(int slot) const;
   /// Contacts with the objects in the slots and with flexible objects.
-  void write_contacts(Contacts& out) const;
-  /// Puts a flexible object back to where it started, at rest. Its contacts and those of the other flexible objects
-  /// end. If the hand is there, the hand passes through it until it has left the box around the object.
+  void write_contacts(Contacts& out, int hand = 0) const;
+  /// Puts a flexible object back to where it started, at rest. Its contacts end, and with them those of the other
+  /// flexible objects and those between hands. If a hand is there, the hands pass through it until they have left the
+  /// box around the object.
   void restart_soft_object(int object);
-  /// While `on`, the hand passes through all flexible objects. Afterwards it still passes through those it is in, until
-  /// it has left them.
+  /// While `on`, the hands pass through all flexible objects. Afterwards they still pass through those they are in,
+  /// until they have left them.
   void pass_through_soft_objects(bool on) { passes_soft_objects_ = on; }
   /// As in contact_patches.hpp, of the object in the slot.
   void write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const;
-  /// Writes the traction of the contacts on the hand's skin: with objects, flexible objects and the skin itself. Does
-  /// not write key and stamp. `time_step`: s since the last message.
-  void write_traction(double time_step, SkinTractionReport& report, SkinTraction& out) const;
+  /// Writes the traction of the contacts on the hand's skin: with objects, flexible objects, the skin itself and
+  /// another hand. Does not write key and stamp. `time_step`: s since the last message. `report`: of this hand.
+  void write_traction(double time_step, SkinTractionReport& report, SkinTraction& out, int hand = 0) const;
   /// The flexible objects. Null: there are none.
   const SoftObjects* soft() const { return soft_.get(); }
   /// Contact of the skin with itself. Null: it is switched off.
-  const SkinContact* skin() const { return skin_; }
-  /// Sum of contact forces on the tissue around each bone, N. Includes those of the skin on itself and of
-  /// flexible objects.
-  const std::array<Vector3, kBodyCount>& bone_contact_forces() const { return bone_contact_forces_; }
+  const SkinContact* skin(int hand = 0) const { return at(hand).skin(); }
+  /// Contact between the hands, and of flexible objects. Null: there is one hand and no flexible object.
+  const SkinContact* skin_between() const { return between_; }
+  /// Sum of contact forces on the tissue around each bone, N. Includes those of the skin on itself, of another hand and
+  /// of flexible objects.
+  std::span<const Vector3, kBodyCount> bone_contact_forces(int hand = 0) const {
+    return std::span(bone_contact_forces_).subspan(static_cast<std::size_t>(first_body(hand))).first<kBodyCount>();
+  }
   /// Kinetic energy of nodes and moving bodies, J.
   double kinetic_energy() const;
   int inverted_elements() const;
-  /// Number of tangled nodes that were put back since construction (untangle.hpp).
+  /// Number of tangled nodes of all hands that were put back since construction (untangle.hpp).
   std::uint64_t untangled_nodes() const { return untangled_nodes_; }
-  int contact_count() const;
+  int contact_count() const;  ///< with the objects in the slots
   const EnergyLedger& ledger() const { return ledger_; }
   /// Calls f(name, joules) for each term, with its stored energy when a step was last entered into the ledger.
   template <typename F>
@@ -217,15 +235,18 @@ class HandSimulation {
     for (std::size_t t = 0; t < terms_.size(); ++t) f(terms_[t]->name(), stored_[t]);
   }
   WorkCounters work() const;
-  /// Matrix of the last new linearisation in a step, for measurements. The hand is its core, the slots are its border.
+  /// Matrix of the last new linearisation in a step, for measurements. Hands and flexible objects are its core, the
+  /// slots are its border.
   const BlockMatrix& hessian() const { return solver_->hessian(); }
   double deepest_penetration() const;       ///< m; 0 without contact
-  double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target
+  double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target, of all hands
 
  private:
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
-  int hand_nodes() const { return hand_.node_count(); }
+  SimulatedHand& at(int hand) { return *hands_[static_cast<std::size_t>(hand)]; }
+  const SimulatedHand& at(int hand) const { return *hands_[static_cast<std::size_t>(hand)]; }
+  int slot_body(int slot) const { return hand_count() * kBodyCount + slot; }
   template <typename Visit>
   void for_each_contacts(Visit&& visit) const;
   template <typename Visit>
@@ -236,11 +257,12 @@ class HandSimulation {
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
   void limit_node_velocities();
-  double tissue_energy(const StepReport& report) const;
+  void untangle(const StepReport& report, double time_step);
 
-  HandModel hand_;
-  mutable ContactReport report_;       // scratch of `write_contacts`
-  std::unique_ptr<SoftObjects> soft_;  // null: there are none
+  std::vector<std::unique_ptr<SimulatedHand>> hands_;
+  std::vector<std::int32_t> node_bones_;  // by node, the body of the nearest bone; -1: of a flexible object
+  mutable ContactReport report_;          // scratch of `write_contacts`
+  std::unique_ptr<SoftObjects> soft_;     // null: there are none
   bool passes_soft_objects_ = false;
   ObjectSpring object_spring_;
   int mirrored_slots_;
@@ -252,24 +274,18 @@ class HandSimulation {
   std::vector<std::unique_ptr<Energy>> terms_;
   // The terms that the simulation calls directly. `terms_` owns them.
   Inertia* inertia_ = nullptr;
-  BodyCoupling* coupling_ = nullptr;
   BodyCoupling* object_coupling_ = nullptr;
-  std::unique_ptr<ContactSet> contacts_;
+  SkinContact* between_ = nullptr;  // as `skin_between`
   PlaneContact* planes_ = nullptr;
-  OtherHands* other_hands_ = nullptr;    // null: only this hand touches objects, or mode symmetric
-  SkinContact* skin_ = nullptr;          // null: the skin does not touch itself
+  OtherHands* other_hands_ = nullptr;    // null: only these hands touch objects, or mode symmetric
   ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects
-  Tissue* tissue_ = nullptr;             // null: the hand has only bones
   std::uint64_t factorised_steps_ = 0;
-  Energy* attachments_ = nullptr;
-  Untangler untangler_;
   bool restored_ = false;  // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
-  std::array<Pose, kJointCount> joint_in_body_{};  // by joint: its frame in its body's frame
-  std::array<Vector3, kBodyCount> bone_contact_forces_;
-  Twist carpus_velocity_;  // without the noise of rest; 0 without other hands
+  std::vector<Vector3> bone_contact_forces_;  // by bone of all hands
+  Twist carpus_velocity_;                     // without the noise of rest; 0 without other hands
   bool ledger_enabled_ = false;
   EnergyLedger ledger_;
   std::array<double, kMaxTerms> stored_{};  // J, by term, after the last step that was entered into the ledger

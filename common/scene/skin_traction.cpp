@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "contact/skin_patches.hpp"
+#include "math/index.hpp"
 #include "math/low_pass.hpp"
 #include "messages/convert.hpp"
 
@@ -16,11 +17,10 @@ constexpr double kNearTriangle = 4e-3;  // m beyond a triangle: half the distanc
 constexpr double kLeastWeight = 1e-12;
 constexpr double kLeastRate = 0.1;  // 1/s, of the region's area; a slower change is none
 
-std::size_t at(std::int32_t i) { return static_cast<std::size_t>(i); }
-
 }  // namespace
 
-SkinTractionReport::SkinTractionReport(const HandModel& hand) : hand_(&hand) {
+SkinTractionReport::SkinTractionReport(const HandModel& hand, int first_node, int first_body)
+    : hand_(&hand), first_node_(first_node), first_body_(static_cast<std::size_t>(first_body)) {
   for (const SkinPoint& point : hand.contact_points) {
     const Body body = static_cast<Body>(point.body);
     const Pose& joint = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))];
@@ -70,7 +70,7 @@ Vector3 SkinTractionReport::position(std::size_t point) const {
   const SkinPoint& p = hand_->contact_points[point];
   const auto& corners = hand_->tetrahedra[at(p.tetrahedron)];
   Vector3 sum = Vector3::Zero();
-  for (std::size_t k = 0; k < 4; ++k) sum += p.weights[k] * state_->node_positions.col(corners[k]);
+  for (std::size_t k = 0; k < 4; ++k) sum += p.weights[k] * state_->node_positions.col(first_node_ + corners[k]);
   return sum;
 }
 
@@ -142,7 +142,8 @@ void SkinTractionReport::write(double time_step, SkinTraction& out) {
 
   std::array<Quaternion, kBodyCount> to_joint;
   for (std::size_t b = 0; b < kBodyCount; ++b)
-    to_joint[b] = (state_->body_poses[b] * hand_->bodies[b].joint_from_body.inverse()).orientation.conjugate();
+    to_joint[b] =
+        (state_->body_poses[first_body_ + b] * hand_->bodies[b].joint_from_body.inverse()).orientation.conjugate();
   out.regions.clear();
   for (const std::int32_t i : listed_) {
     const Region& region = regions_[at(i)];

@@ -19,7 +19,7 @@ struct SkinForce {
   Vector3 force = Vector3::Zero();    ///< N
   Vector3 normal = Vector3::UnitY();  ///< unit, outward of the skin
   double slip_speed = 0;              ///< of the skin over the object, m/s
-  std::uint32_t object = 0;           ///< id; 0 for the hand's own skin
+  std::uint32_t object = 0;           ///< id; 0 for the skin of a hand
 };
 
 /// Sums the forces of one step by region. Allocates only at construction.
@@ -28,8 +28,9 @@ class SkinTractionReport {
   /// Cutoff of the low-pass filter of area rates, Hz. The area of a region that touches jumps.
   static constexpr double area_cutoff = 5;
 
-  /// The hand must outlive the report.
-  explicit SkinTractionReport(const HandModel& hand);
+  /// The hand must outlive the report. Its node n is node `first_node` + n of the state, and its bone b is body
+  /// `first_body` + b.
+  explicit SkinTractionReport(const HandModel& hand, int first_node = 0, int first_body = 0);
 
   /// Starts a message. `state`: of the hand at the end of the step, until `write`.
   void begin(const State& state);
@@ -72,6 +73,8 @@ class SkinTractionReport {
   void select();
 
   const HandModel* hand_;
+  std::int32_t first_node_;
+  std::size_t first_body_;
   const State* state_ = nullptr;
   std::vector<Region> regions_;
   std::vector<std::size_t> first_near_;  // by triangle, and the total at the end

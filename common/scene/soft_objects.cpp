@@ -48,16 +48,16 @@ void append(TissueModel& model, const SoftBody& body, std::int32_t first, std::u
 
 }  // namespace
 
-SoftObjects::SoftObjects(const HandModel& hand, std::vector<SoftObject> objects) : objects_(std::move(objects)) {
+SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objects) : objects_(std::move(objects)) {
   if (objects_.size() > kMaxSoftObjects)
     throw std::invalid_argument(std::to_string(objects_.size()) + " flexible objects, expected at most " +
                                 std::to_string(kMaxSoftObjects));
-  all_ = hand;
-  alone_.materials = hand.materials;
-  first_.push_back(hand.node_count());
+  all_ = hands;
+  alone_.materials = hands.materials;
+  first_.push_back(hands.node_count());
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const SoftBody& body = *objects_[i].body;
-    const auto node_body = static_cast<std::uint8_t>(kBodyCount + i);
+    const auto node_body = static_cast<std::uint8_t>(static_cast<std::size_t>(kMostHands * kBodyCount) + i);
     all_.nodes.insert(all_.nodes.end(), body.nodes.begin(), body.nodes.end());
     all_.node_body.insert(all_.node_body.end(), body.nodes.size(), node_body);
     first_triangle_.push_back(alone_.surface.size());
@@ -115,14 +115,15 @@ void SoftObjects::add_terms(const TermOptions& options, std::vector<std::unique_
     terms.push_back(std::make_unique<ContactEnergy>(*contacts_, "soft_contact"));
     terms.push_back(std::make_unique<FrictionEnergy>(*contacts_, "soft_friction"));
   }
-  std::vector<double> frictions;
-  for (const SoftObject& each : objects_) frictions.push_back(each.body->friction);
-  auto skin = std::make_unique<SkinContact>(all_, masses_, options.contact_stiffness, std::move(frictions));
-  skin_ = skin.get();
-  terms.push_back(std::move(skin));
 }
 
-bool SoftObjects::overlaps_hand(int i, const State& state) const {
+std::vector<double> SoftObjects::frictions() const {
+  std::vector<double> frictions;
+  for (const SoftObject& each : objects_) frictions.push_back(each.body->friction);
+  return frictions;
+}
+
+bool SoftObjects::overlaps_hands(int i, const State& state) const {
   Eigen::AlignedBox3d box;
   for (int n = first_node(i); n < first_node(i + 1); ++n) box.extend(state.node_positions.col(n));
   for (int n = 0; n < first_node(0); ++n) {
@@ -132,7 +133,7 @@ bool SoftObjects::overlaps_hand(int i, const State& state) const {
 }
 
 void SoftObjects::update_passing(const State& state, bool all) {
-  for (int i = 0; i < count(); ++i) skin_->set_passing(i, all || (skin_->passing(i) && overlaps_hand(i, state)));
+  for (int i = 0; i < count(); ++i) skin_->set_passing(i, all || (skin_->passing(i) && overlaps_hands(i, state)));
 }
 
 int SoftObjects::passing() const {
@@ -142,7 +143,7 @@ int SoftObjects::passing() const {
 }
 
 Vector3 SoftObjects::skin_force(int i) const {
-  const int part = kSkinParts + i;
+  const int part = kFirstSoftPart + i;
   Vector3 sum = Vector3::Zero();
   for (const SkinAnchor& anchor : skin_->anchors()) {
     if (skin_part(skin_->points()[anchor.point].body) == part) sum += anchor.force;
@@ -151,24 +152,33 @@ Vector3 SoftObjects::skin_force(int i) const {
   return sum;
 }
 
-void SoftObjects::write_contacts(const State& state, int first_place, ContactReport& report, Contacts& out) const {
+void SoftObjects::write_contacts(const State& state, int hand, int first_place, ContactReport& report,
+                                 Contacts& out) const {
   for (const SkinAnchor& anchor : skin_->anchors()) {
-    const int of_point = skin_part(skin_->points()[anchor.point].body) - kSkinParts, of_skin = anchor.slot - kSkinParts;
-    if ((of_point < 0) == (of_skin < 0)) continue;  // two objects
+    const int part = skin_part(skin_->points()[anchor.point].body);
+    const int of_point = part - kFirstSoftPart, of_skin = anchor.slot - kFirstSoftPart;
+    if ((of_point < 0) == (of_skin < 0)) continue;  // two objects or two hands
+    if (skin_owner(std::min(part, anchor.slot)) != hand) continue;
     const AnchorOffset offset = skin_->offset(anchor, state);
     Vector3 position = skin_->points().at(anchor.point, state.node_positions);
     const int object = std::max(of_point, of_skin);
-    Contact row = contact_row(skin_->points(), anchor, offset, position, id(object));
+    const auto& corners = skin_->search().corners(anchor.triangle);
+    Vector3 velocity = Vector3::Zero();
+    if (of_skin < 0) {
+      velocity = skin_->points().at(anchor.point, state.node_velocities);
+    } else {
+      for (const std::int32_t node : corners) velocity += state.node_velocities.col(node) / 3;
+    }
+    Contact row = contact_row(skin_->points(), anchor, offset, position, id(object), velocity);
     row.area /= 2;
     if (of_skin < 0) {
       // The point belongs to the object. The hand is touched at the anchor.
       position -= offset.offset;
-      const auto& corners = skin_->search().corners(anchor.triangle);
       const auto distance = [&](std::int32_t node) { return (state.node_positions.col(node) - position).norm(); };
       const std::int32_t node = *std::min_element(
           corners.begin(), corners.end(), [&](std::int32_t a, std::int32_t b) { return distance(a) < distance(b); });
       row.node = static_cast<std::uint32_t>(node);
-      row.body = all_.node_body[static_cast<std::size_t>(node)];
+      row.body = all_.node_body[static_cast<std::size_t>(node)] % kBodyCount;
       row.finger = static_cast<std::uint32_t>(finger_of(static_cast<Body>(row.body)));
       row.normal = to_wire(Vector3(-offset.normal));
       row.force = to_wire(Vector3(-anchor.force));
@@ -197,12 +207,12 @@ void SoftObjects::write_state(int i, const State& state, SoftObjectState& out) c
     out.nodes.push_back(to_floats(state.node_positions.col(n) - centre));
     out.velocities.push_back(to_floats(state.node_velocities.col(n) - velocity));
   }
-  const int part = kSkinParts + i;
+  const int part = kFirstSoftPart + i;
   Vector3 force = Vector3::Zero();
   out.contact_count = 0;
   for (const SkinAnchor& anchor : skin_->anchors()) {
     const int of_point = skin_part(skin_->points()[anchor.point].body);
-    if (std::max(of_point, anchor.slot) != part || std::min(of_point, anchor.slot) >= kSkinParts) continue;
+    if (std::max(of_point, anchor.slot) != part || std::min(of_point, anchor.slot) >= kFirstSoftPart) continue;
     ++out.contact_count;
     force += of_point == part ? anchor.force : Vector3(-anchor.force);
   }

@@ -1,8 +1,8 @@
-// The flexible objects of a scene (ES2725128A1 claim 8), as a part of the hand's simulation (docs/soft-objects.md).
+// The flexible objects of a scene (ES2725128A1 claim 8), as a part of the simulation of hands (docs/soft-objects.md).
 //
-// Their nodes are the last nodes of the state, one object after the other. They have the hand's tissue law.
-// Contact has the hand's anchor law. Terms: with the hand's skin and with each other (skin_contact.hpp), and with the
-// rigid objects in the slots (contact.hpp). All blocks between an object and the hand are loose blocks of the matrix.
+// Their nodes are the last nodes of the state, one object after the other. They have the hands' tissue law. Contact has
+// the hands' anchor law. They touch the skin of hands and each other (skin_contact.hpp, a term of the simulation), and
+// the rigid objects in the slots (contact.hpp). All blocks between an object and a hand are loose blocks of the matrix.
 // So the factor has the object's block beside the hand's, and its pattern never changes.
 #pragma once
 
@@ -16,9 +16,9 @@
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
 #include "messages/messages.hpp"
-#include "model/hand_model.hpp"
 #include "model/object_model.hpp"
 #include "model/state.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand {
 
@@ -34,9 +34,9 @@ struct SoftObject {
 
 class SoftObjects {
  public:
-  /// `hand`: its nodes come first. Throws std::invalid_argument for a body that `validate_tetrahedra` refuses, or for
-  /// more than kMaxSoftObjects.
-  SoftObjects(const HandModel& hand, std::vector<SoftObject> objects);
+  /// `hands`: their nodes come first. Throws std::invalid_argument for a body that `validate_tetrahedra` refuses, or
+  /// for more than kMaxSoftObjects.
+  SoftObjects(const TissueModel& hands, std::vector<SoftObject> objects);
 
   /// Id on the topics.
   static std::uint32_t id(int i) { return kFirstSoftObject + static_cast<std::uint32_t>(i); }
@@ -48,10 +48,14 @@ class SoftObjects {
   int node_count(int i) const { return first_node(i + 1) - first_node(i); }
   /// Boundary triangles of an object, by nodes of the state.
   std::span<const std::array<std::int32_t, 3>> surface(int i) const;
-  /// By node of the state, kg, with the hand's.
+  /// Of the hands and of the objects, in the numbering of the state.
+  const TissueModel& model() const { return all_; }
+  /// Friction coefficients with skin, by object.
+  std::vector<double> frictions() const;
+  /// By node of the state, kg, with the hands'.
   const std::vector<double>& node_masses() const { return masses_; }
   double mass(int i) const;
-  /// At the start of the scene, world. The hand's columns are zero.
+  /// At the start of the scene, world. The hands' columns are zero.
   const Eigen::Matrix3Xd& start_positions() const { return start_; }
   /// A ball around all nodes of an object in `state`.
   struct Ball {
@@ -62,8 +66,7 @@ class SoftObjects {
   /// m/s, of any node of an object.
   double fastest(int i, const State& state) const;
 
-  /// Makes the terms: tissue, contact with the hand and each other, and contact with the objects in the slots if there
-  /// are slots. Appends them to `terms`.
+  /// Makes the terms tissue and, if there are slots, contact with the objects in them. Appends them to `terms`.
   struct TermOptions {
     double contact_stiffness = 0;  ///< k_c, N/m^3
     int first_body = 0, mirrored_slots = 0, slots = 0;
@@ -72,7 +75,10 @@ class SoftObjects {
   };
   void add_terms(const TermOptions& options, std::vector<std::unique_ptr<Energy>>& terms);
 
-  // The terms. `add_terms` was called.
+  /// Contact with the skin of hands and between the objects, a term of the simulation.
+  void use(SkinContact& skin) { skin_ = &skin; }
+
+  // The terms. `add_terms` and `use` were called.
   const Tissue& tissue() const { return *tissue_; }
   SkinContact& skin() { return *skin_; }
   const SkinContact& skin() const { return *skin_; }
@@ -82,29 +88,30 @@ class SoftObjects {
 
   /// Whether any object touches something.
   bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
-  /// Before a step. With `all`, the hand passes through every object. Without, it passes only through those that it
-  /// passed through before and that still have a node of the hand in the box around their nodes.
+  /// Before a step. With `all`, the hands pass through every object. Without, they pass only through those that they
+  /// passed through before and that still have a node of a hand in the box around their nodes.
   void update_passing(const State& state, bool all);
-  /// The hand passes through this many objects.
+  /// The hands pass through this many objects.
   int passing() const;
 
-  /// Force (N) of the hand and of other flexible objects on object `i` in the last step.
+  /// Force (N) of the hands and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
 
-  /// Adds the contacts between the hand and the objects at the end of the last step. Both sides have points, and each
+  /// Adds the contacts between a hand and the objects at the end of the last step. Both sides have points, and each
   /// side bears half of the force. So each point counts half of its area. The place of object i is `first_place` + i.
-  void write_contacts(const State& state, int first_place, ContactReport& report, Contacts& out) const;
+  /// Nodes have the numbers of the state.
+  void write_contacts(const State& state, int hand, int first_place, ContactReport& report, Contacts& out) const;
   /// Writes all but owner and stamp. Does not allocate.
   void write_state(int i, const State& state, SoftObjectState& out) const;
 
  private:
-  bool overlaps_hand(int i, const State& state) const;
+  bool overlaps_hands(int i, const State& state) const;
 
   std::vector<SoftObject> objects_;
   std::vector<int> first_;
   std::vector<std::size_t> first_triangle_;  // of `alone_.surface`, by object
-  TissueModel all_;                          // of the hand and of the objects
-  TissueModel alone_;                        // without the hand's tetrahedra, skin and contact points; with its nodes
+  TissueModel all_;                          // of the hands and of the objects
+  TissueModel alone_;                        // without the hands' tetrahedra, skin and contact points; with their nodes
   std::vector<double> masses_;
   Eigen::Matrix3Xd start_;
   Tissue* tissue_ = nullptr;

@@ -30,34 +30,40 @@ Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3
 
 }  // namespace
 
-Untangler::Untangler(const HandModel& hand, double full_check_period)
+Untangler::Untangler(const HandModel& hand, double full_check_period, int first_node, int first_body)
     : full_check_period_(full_check_period),
-      tetrahedra_(hand.tetrahedra),
-      node_body_(hand.node_body),
-      persistent_(hand.tetrahedra.size(), 0),
-      hooked_(hand.nodes.size(), 0),
-      move_(hand.nodes.size(), 0),
-      more_(hand.nodes.size(), 0),
-      best_(hand.nodes.size(), 0) {
+      first_node_(static_cast<std::size_t>(first_node)),
+      persistent_(hand.tetrahedra.size(), 0) {
   memory_.tangled.assign(hand.tetrahedra.size(), 0);
   memory_.wait.assign(hand.tetrahedra.size(), 0);
-  positions_ = velocities_ = bones_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+  const std::size_t nodes = first_node_ + hand.nodes.size();
+  for (std::vector<std::uint8_t>* marks : {&node_body_, &hooked_, &move_, &more_, &best_}) marks->assign(nodes, 0);
+  rest_in_body_.resize(nodes);
+  bone_in_body_.resize(nodes);
+  positions_ = velocities_ = Eigen::Matrix3Xd::Zero(3, hand.node_count());
+  bones_ = Eigen::Matrix3Xd::Zero(3, static_cast<Eigen::Index>(nodes));
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    const BodyModel& body = hand.bodies[node_body_[n]];
-    const Pose body_from_rest = hand.body_rest_pose(static_cast<Body>(node_body_[n])).inverse();
+    const std::uint8_t bone = hand.node_body[n];
+    const BodyModel& body = hand.bodies[bone];
+    const Pose body_from_rest = hand.body_rest_pose(static_cast<Body>(bone)).inverse();
     const Pose body_from_joint = body.joint_from_body.inverse();
-    rest_in_body_.push_back(body_from_rest * hand.nodes[n]);
-    bone_in_body_.push_back(
-        nearest_on_segment(body_from_joint * body.bone_start, body_from_joint * body.bone_end, rest_in_body_.back()));
+    const std::size_t node = first_node_ + n;
+    node_body_[node] = static_cast<std::uint8_t>(first_body + bone);
+    rest_in_body_[node] = body_from_rest * hand.nodes[n];
+    bone_in_body_[node] =
+        nearest_on_segment(body_from_joint * body.bone_start, body_from_joint * body.bone_end, rest_in_body_[node]);
   }
   Eigen::Matrix3Xd rest(3, hand.node_count());
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) rest.col(static_cast<Eigen::Index>(n)) = hand.nodes[n];
-  for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {
+  for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
     const CorotationalMaterial law =
         corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
-    mirrored_energies_.push_back(std::abs(tetrahedron_volume(rest, tetrahedra_[t])) * flip_density(law));
+    mirrored_energies_.push_back(std::abs(tetrahedron_volume(rest, hand.tetrahedra[t])) * flip_density(law));
     mirrored_energy_ += mirrored_energies_.back();
+    auto corners = hand.tetrahedra[t];
+    for (std::int32_t& corner : corners) corner += first_node;
+    tetrahedra_.push_back(corners);
   }
 }
 
@@ -104,6 +110,11 @@ double Untangler::stored(const View& view) const {
   return view.tissue.value(view.state) + view.attachments.value(view.state);
 }
 
+void Untangler::move_all_back(const View& view) {
+  std::fill(move_.begin() + static_cast<std::ptrdiff_t>(first_node_), move_.end(), std::uint8_t{1});
+  for (std::size_t n = first_node_; n < move_.size(); ++n) put_back(view, n);
+}
+
 // Energy in J released by putting back `move_`. `before`: the stored energy before. The contacts of the nodes are still
 // those from before.
 double Untangler::released_energy(const View& view, double before) const {
@@ -114,7 +125,7 @@ double Untangler::released_energy(const View& view, double before) const {
 }
 
 void Untangler::place_bones(const State& state) {
-  for (std::size_t n = 0; n < node_body_.size(); ++n)
+  for (std::size_t n = first_node_; n < node_body_.size(); ++n)
     bones_.col(static_cast<Eigen::Index>(n)) = state.body_poses[node_body_[n]] * bone_in_body_[n];
 }
 
@@ -139,8 +150,7 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
   if (!tests_twist && before <= mirrored_energy_) return 0;
   positions_ = own(state.node_positions);
   velocities_ = own(state.node_velocities);
-  std::fill(move_.begin(), move_.end(), 1);
-  for (std::size_t n = 0; n < node_body_.size(); ++n) put_back(view, n);
+  move_all_back(view);
   const double released = released_energy(view, before);
   bool tangled = before > mirrored_energy_ && released > kReleasedShare * before;
   if (tangled && put_worst_back(view, before, released)) return accept_move(view);
@@ -183,8 +193,7 @@ bool Untangler::put_worst_back(const View& view, double before, double released_
     }
     if (released_energy(view, before) >= released_by_all - kExtraRelease * std::abs(released_by_all)) return true;
   }
-  std::fill(move_.begin(), move_.end(), std::uint8_t{1});
-  for (std::size_t n = 0; n < move_.size(); ++n) put_back(view, n);
+  move_all_back(view);
   return false;
 }
 

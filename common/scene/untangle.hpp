@@ -27,8 +27,8 @@ namespace softhand {
 class Untangler {
  public:
   /// `full_check_period`: s between two full checks (`full_check`). Tissue that is tangled in both is put back. 0:
-  /// never.
-  Untangler(const HandModel& hand, double full_check_period);
+  /// never. Node n of the hand is node `first_node` + n of the state, and bone b is body `first_body` + b.
+  Untangler(const HandModel& hand, double full_check_period, int first_node = 0, int first_body = 0);
 
   /// All that a step carries to the next one.
   struct Memory {
@@ -67,11 +67,15 @@ class Untangler {
     const Tissue& tissue;
     const Energy& attachments;
   };
-  // The columns of the hand's nodes. Behind them come those of flexible objects.
-  auto own(Eigen::Matrix3Xd& of_nodes) const { return of_nodes.leftCols(static_cast<Eigen::Index>(node_body_.size())); }
+  // The columns of the hand's nodes. Before and behind them come those of another hand and of flexible objects.
+  auto own(Eigen::Matrix3Xd& of_nodes) const {
+    return of_nodes.middleCols(static_cast<Eigen::Index>(first_node_),
+                               static_cast<Eigen::Index>(node_body_.size() - first_node_));
+  }
   double stored(const View& view) const;
   double released_energy(const View& view, double before) const;
   void put_back(const View& view, std::size_t node) const;
+  void move_all_back(const View& view);
   void place_bones(const State& state);
   int put_all_back(const View& view, double kinetic_energy, bool tests_twist);
   bool put_worst_back(const View& view, double before, double released_by_all);
@@ -80,12 +84,14 @@ class Untangler {
   int accept_move(const View& view);
 
   double full_check_period_;
+  // Vectors by node have the numbers of the state. The entries before `first_node_` are not used.
+  std::size_t first_node_;
   std::vector<double> mirrored_energies_;  // J, per tetrahedron: its energy if it were mirrored
   double mirrored_energy_ = 0;             // J, their sum
   std::vector<std::array<std::int32_t, 4>> tetrahedra_;
-  std::vector<std::uint8_t> node_body_;
-  std::vector<Vector3> rest_in_body_;  // per node, in the nearest bone's body frame
-  std::vector<Vector3> bone_in_body_;  // per node: the nearest point of the bone's axis at rest
+  std::vector<std::uint8_t> node_body_;  // per node, body of the state
+  std::vector<Vector3> rest_in_body_;    // per node, in the nearest bone's body frame
+  std::vector<Vector3> bone_in_body_;    // per node: the nearest point of the bone's axis at rest
   Memory memory_;
   std::vector<std::uint8_t> persistent_;  // per tetrahedron: tangled in both checks, and not in a cluster yet
   std::vector<std::uint8_t> hooked_, move_, more_, best_;  // per node

@@ -32,7 +32,7 @@ struct StepTiming {
   double total() const { return begin + energies + assembly + factorisation + solve + end; }
 };
 
-inline constexpr std::size_t kMaxTerms = 16;
+inline constexpr std::size_t kMaxTerms = 32;
 
 struct TermEnergy {
   std::string_view name;

@@ -15,8 +15,8 @@ constexpr double kSettles = 0.5;  // s, at the start of the hold
 
 }  // namespace
 
-HandsOutcome::HandsOutcome(const OutcomeFrame& frame, double gravity)
-    : frame_(frame), object_(frame.object), weight_(frame.object_mass * gravity) {}
+HandsOutcome::HandsOutcome(const OutcomeFrame& frame, double gravity, bool one_process)
+    : frame_(frame), object_(frame.object), weight_(frame.object_mass * gravity), one_process_(one_process) {}
 
 void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling& coupling, const Contacts& contacts,
                        const Pose& palm, const WorldObjects& objects) {
@@ -25,20 +25,21 @@ void HandsOutcome::add(Nanoseconds time, std::size_t hand, const ObjectCoupling&
                                    [this](const ObjectState& each) { return each.object == object_; });
   if (object == objects.objects.end()) return;
   Held& held = held_[hand];
-  held.touches = false;
+  held.force.setZero();
   for (const ObjectTwin& twin : coupling.twins) {
     if (twin.object != object_) continue;
-    held.force = to_vector(twin.contact_force);
-    held.touches = held.force.norm() > 0;
+    if (!one_process_) held.force = to_vector(twin.contact_force);
     held.in_palm = palm.inverse() * to_pose(twin.position, twin.orientation);
   }
   double upward = 0;
   Vector3 centre = Vector3::Zero();
   for (const Contact& contact : contacts.contacts) {
     if (contact.object != object_) continue;
+    if (one_process_) held.force -= to_vector(contact.force);
     upward -= contact.force[1];
     centre -= contact.force[1] * to_vector(contact.point);
   }
+  held.touches = held.force.norm() > 0;
   if (upward > 0) held.centre = centre / upward;
   if (object->owned != 0) {
     const std::uint64_t owner = (std::uint64_t{object->owner_user} << 32) | object->owner_side;

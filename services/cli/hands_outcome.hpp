@@ -21,8 +21,9 @@ struct HandsGoal {
 
 class HandsOutcome {
  public:
-  /// `frame`: of the first hand. `gravity`: magnitude, m/s^2.
-  HandsOutcome(const OutcomeFrame& frame, double gravity);
+  /// `frame`: of the first hand. `gravity`: magnitude, m/s^2. `one_process`: both hands have one coupling, so the force
+  /// of each is that of its contacts.
+  HandsOutcome(const OutcomeFrame& frame, double gravity, bool one_process = false);
 
   /// After each step of a hand. `hand`: 0 or 1; others are ignored. `palm`: in the world. `objects`: newest states.
   void add(Nanoseconds time, std::size_t hand, const ObjectCoupling& coupling, const Contacts& contacts,
@@ -43,6 +44,7 @@ class HandsOutcome {
   OutcomeFrame frame_;
   std::uint32_t object_;
   double weight_;  // N
+  bool one_process_;
   std::array<Held, 2> held_;
   // While both touch the object in the phase `hold`, without its first half second.
   int both_steps_ = 0;

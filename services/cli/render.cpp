@@ -49,8 +49,9 @@ void record(const RenderArguments& arguments, const std::string& path) {
   rig.add_other_hands(scene, overrides);
   viewer::Recording recording(path);
   for (std::size_t i = 0; i < rig.hand_count(); ++i) {
-    const auto described = std::make_unique<HandDescription>(rig.hand(i).description());
-    recording.add(0, viewer::encode(*described, rig.hand(i).simulation().hand().nodes));
+    const int in_loop = rig.number_in_loop(i);
+    const auto described = std::make_unique<HandDescription>(rig.hand(i).description(in_loop));
+    recording.add(0, viewer::encode(*described, rig.hand(i).simulation().hand(in_loop).nodes));
   }
   for (std::size_t i = 0; i < rig.world().descriptions().size(); ++i) {
     const ObjectOptions& object = scene.options.objects[i];
@@ -66,7 +67,7 @@ void record(const RenderArguments& arguments, const std::string& path) {
     if (time < arguments.at - kBefore) return;
     const double since = time - arguments.at + kBefore;
     *objects = *view.objects;
-    viewer::draw_held(*objects, view.output->coupling);
+    viewer::draw_held(*objects, *view.coupling);
     recording.add(since, viewer::encode(viewer::FrameType::tracked_skeleton, *view.tracked));
     recording.add(since, viewer::encode(viewer::FrameType::simulated_skeleton, view.output->simulated));
     recording.add(since, viewer::encode(*objects));

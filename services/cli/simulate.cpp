@@ -120,10 +120,10 @@ int run_simulate(const SimulateArguments& arguments) {
   OutcomeFrame frame =
       outcome_frame(scene, VirtualRig::kStart - static_cast<Nanoseconds>(scene.options.tracker.start_time * 1e9));
   const auto& g = scene.options.world.gravity;
-  HandsOutcome hands(frame, Vector3(g[0], g[1], g[2]).norm());
+  HandsOutcome hands(frame, Vector3(g[0], g[1], g[2]).norm(), scene.options.one_process);
   rig.run(seconds, [&](const HandStepView& view) {
-    hands.add(view.time, view.hand, view.output->coupling, view.output->contacts,
-              view.simulation->joint_pose(Joint::palm), *view.objects);
+    hands.add(view.time, view.hand, *view.coupling, view.output->contacts,
+              view.simulation->joint_pose(Joint::palm, view.in_simulation), *view.objects);
     if (view.hand != 0) return;
     work_of_steps.push_back(view.output->report.work);
     if (signals) signals->add(view);
@@ -137,6 +137,7 @@ int run_simulate(const SimulateArguments& arguments) {
       soft->on_contacts(view.output->contacts);
     }
   });
+  skin.end(rig.hand().simulation());
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
   Json json;
@@ -159,7 +160,7 @@ int run_simulate(const SimulateArguments& arguments) {
   json["inverted_steps_fraction"] =
       static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
   const bool touches = simulation.contact_count() > 0 ||
-                       (simulation.soft() != nullptr && !simulation.soft()->skin().anchors().empty()) ||
+                       (simulation.skin_between() != nullptr && !simulation.skin_between()->anchors().empty()) ||
                        (simulation.skin() != nullptr && !simulation.skin()->anchors().empty());
   json["rest_error_mm"] = touches ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
   const EnergyLedger& ledger = simulation.ledger();

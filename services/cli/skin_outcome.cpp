@@ -12,18 +12,65 @@
 
 namespace softhand {
 
+namespace {
+
+int owner_of_point(const SkinContact& skin, const SkinAnchor& anchor) {
+  return skin_owner(skin_part(skin.points()[anchor.point].body));
+}
+
+// A contact of a hand with itself or with another hand. Points that started inside are on their way out.
+bool touches(const HandSimulation& simulation, const SkinContact& skin, const SkinAnchor& anchor) {
+  return owner_of_point(skin, anchor) < kMostHands && anchor.slot < kFirstSoftPart && !(anchor.recess > 0) &&
+         skin.offset(anchor, simulation.state()).depth < 0;
+}
+
+// Contact with itself of each hand, and between two hands.
+template <typename Visit>
+void for_each_skin(const HandSimulation& simulation, Visit&& visit) {
+  for (int hand = 0; hand < simulation.hand_count(); ++hand)
+    if (simulation.skin(hand) != nullptr) visit(*simulation.skin(hand));
+  if (simulation.hand_count() > 1) visit(*simulation.skin_between());
+}
+
+}  // namespace
+
+std::size_t SkinOutcome::count(const HandSimulation& simulation) {
+  std::size_t count = 0;
+  for_each_skin(simulation, [&](const SkinContact& skin) {
+    for (const SkinAnchor& anchor : skin.anchors()) count += touches(simulation, skin, anchor) ? 1 : 0;
+  });
+  return count;
+}
+
 void SkinOutcome::add(const HandSimulation& simulation) {
   ++steps_;
-  gap_ = std::min(gap_, finger_gap(simulation.hand(), simulation.state()));
-  const SkinContact* skin = simulation.skin();
-  if (skin == nullptr) return;
+  const State& state = simulation.state();
+  for (int hand = 0; hand < simulation.hand_count(); ++hand)
+    gap_ = std::min(gap_, finger_gap(simulation.hand(hand), state, simulation.first_body(hand)));
+  heat_ = 0;
+  for_each_skin(simulation, [&](const SkinContact& skin) { add(simulation, skin); });
+  if (simulation.hand_count() > 1) {
+    has_hands_ = true;
+    hands_gap_ = std::min(hands_gap_, hands_gap(simulation.hand(0), simulation.first_body(0), simulation.hand(1),
+                                                simulation.first_body(1), state));
+    Vector3 force = Vector3::Zero();
+    const SkinContact& between = *simulation.skin_between();
+    for (const SkinAnchor& anchor : between.anchors()) {
+      if (touches(simulation, between, anchor)) force += (owner_of_point(between, anchor) == 0 ? 1 : -1) * anchor.force;
+    }
+    most_force_ = std::max(most_force_, force.norm());
+  }
+  const std::size_t now = count(simulation);
+  most_contacts_ = std::max(most_contacts_, now);
+  if (now > 0) ++touching_steps_;
+}
+
+void SkinOutcome::add(const HandSimulation& simulation, const SkinContact& skin) {
   is_on_ = true;
-  heat_ = skin->dissipated();
-  std::size_t count = 0;
-  for (const SkinAnchor& anchor : skin->anchors()) {
-    const AnchorOffset offset = skin->offset(anchor, simulation.state());
-    if (!(offset.depth < 0) || anchor.recess > 0) continue;  // a point that started inside is on its way out
-    ++count;
+  heat_ += skin.dissipated();
+  for (const SkinAnchor& anchor : skin.anchors()) {
+    if (!touches(simulation, skin, anchor)) continue;
+    const AnchorOffset offset = skin.offset(anchor, simulation.state());
     depths_.push_back(-offset.depth);
     deepest_ = std::max(deepest_, -offset.depth);
     if (!anchor.sliding) continue;
@@ -31,14 +78,14 @@ void SkinOutcome::add(const HandSimulation& simulation) {
     sliding_push_ += push;
     sliding_drag_ += (anchor.force - push * offset.normal).norm();
   }
-  most_contacts_ = std::max(most_contacts_, count);
-  if (count > 0) ++touching_steps_;
 }
 
 nlohmann::ordered_json SkinOutcome::summary(const SkinGoal& goal, double friction) const {
   nlohmann::ordered_json json;
   json["finger_bones_gap_min_mm"] = gap_ * 1e3;
+  if (has_hands_) json["hand_bones_gap_min_mm"] = hands_gap_ * 1e3;
   if (!is_on_) return json;
+  if (has_hands_) json["hand_on_hand_force_max_n"] = most_force_;
   const double penetration = depths_.empty() ? 0.0 : percentile(depths_, 0.95);
   const double ratio = sliding_push_ > 0 ? sliding_drag_ / sliding_push_ : std::nan("");
   json["contacts_max"] = most_contacts_;
@@ -61,7 +108,11 @@ nlohmann::ordered_json SkinOutcome::summary(const SkinGoal& goal, double frictio
                       "{:.2f} mm); ",
                       penetration * 1e3, goal.penetration * 1e3));
     state(gap_ > 0, fmt::format("the bones of two fingers are at least {:.2f} mm apart; ", gap_ * 1e3));
+    if (has_hands_)
+      state(hands_gap_ > 0, fmt::format("the bones of the two hands are at least {:.2f} mm apart; ", hands_gap_ * 1e3));
   }
+  if (goal.parts)
+    state(!touches_at_end_, touches_at_end_ ? "skin touches skin at the end; " : "no skin touches skin at the end; ");
   if (goal.friction > 0) {
     state(std::abs(ratio - friction) <= goal.friction * friction,
           fmt::format("friction of sliding skin is {:.4f} of the normal force (asked: {:.4f} within {:.1f} %); ", ratio,

@@ -60,12 +60,17 @@ struct VirtualRig::Hand final : TrackerSink {
   }
 
   VirtualRig& rig;
-  std::size_t place = 0;    // in `hands_`
-  Nanoseconds compute = 0;  // from reading the inputs of a step to publishing its results
-  Nanoseconds polled = 0;   // when the tracker was asked last
+  std::size_t place = 0;  // in `hands_`
+  HandModel model;
+  HandKey key;
+  Nanoseconds compute = 0;               // from reading the inputs of a step to publishing its results
+  Nanoseconds polled = 0;                // when the tracker was asked last
+  HandOptions options;                   // of its process
+  std::vector<SoftObject> soft_objects;  // of its process
   std::unique_ptr<TrackerSource> tracker;
   std::unique_ptr<TrackingLoop> tracking;  // null without the intermediate layer
-  std::unique_ptr<HandLoop> loop;
+  std::shared_ptr<HandLoop> loop;          // of its process
+  int in_loop = 0;                         // number of the hand in it
   std::unique_ptr<DeviceLoop<BoneWrench>> haptic;
   std::shared_ptr<const Motion> user;  // may be null
   double user_start = 0;
@@ -81,7 +86,8 @@ struct VirtualRig::Hand final : TrackerSink {
   std::vector<Delayed<ObjectCoupling>> coupling_to_hand;  // by the hand that receives it; to itself: not used
   std::vector<ObjectCoupling> other_hands;                // the newest one that this hand has received from each
 
-  Skeleton tracked;  // the newest one
+  Skeleton tracked;   // the newest one
+  HandOutput output;  // of the last step
   Outcome outcome;
   WrenchWork work_on_tracked, work_on_user;
   std::uint64_t steps = 0;
@@ -134,19 +140,18 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
   const SceneOptions& options = scene.options;
   const HandKey key{static_cast<std::uint32_t>(options.user), model.side == Side::right ? 1u : 0u};
   for (const auto& other : hands_)
-    if (other->loop->description().hand == key)
-      throw std::invalid_argument("two hands of the rig have the same user and side");
+    if (other->key == key) throw std::invalid_argument("two hands of the rig have the same user and side");
   const double shift = options.simulate.hand_phase * static_cast<double>(hands_.size());
   Hand& hand = *hands_.emplace_back(std::make_unique<Hand>(*this));
   hand.place = hands_.size() - 1;
+  hand.model = model;
+  hand.key = key;
   hand.compute = nanoseconds(options.simulate.hand_compute_fraction / options.hand.rate_hz);
   hand.tracker = std::move(tracker);
   if (!options.hand.direct)
     hand.tracking = std::make_unique<TrackingLoop>(options.tracking, options.hand.rate_hz, model, key);
-  hand.loop = std::make_unique<HandLoop>(model, options.hand, key, object_spring(options_.world), scene.soft_objects);
-  for (std::size_t i = 0; i < file_shapes_.size(); ++i)
-    hand.loop->describe_object(world_->descriptions()[i], file_shapes_[i]);
-  for (const ObjectJointDescription& joint : world_->joint_descriptions()) hand.loop->describe_joint(joint);
+  const bool joins = options_.one_process && hand.place > 0;
+  make_hand_loop(joins ? *hands_.front() : hand, scene);
   hand.haptic = std::make_unique<DeviceLoop<BoneWrench>>(options.haptic.loop, std::make_unique<Glove>(hand), 1, 0);
   for (const auto& each : hands_) each->coupling_to_hand.resize(hands_.size());
 
@@ -158,9 +163,29 @@ void VirtualRig::add_hand(const Scene& scene, const HandModel& model, std::uniqu
   if (hand.tracking)
     add_loop(RigLoop::tracking, options.tracking.rate_hz, 0.31 + shift,
              [this, &hand](Nanoseconds now) { step_tracking(hand, now); });
-  add_loop(RigLoop::hand, options.hand.rate_hz, 0.47 + shift, [this, &hand](Nanoseconds now) { step_hand(hand, now); });
+  if (!joins)
+    add_loop(RigLoop::hand, options.hand.rate_hz, 0.47 + shift,
+             [this, &hand](Nanoseconds now) { step_hand(hand, now); });
   add_loop(RigLoop::haptic, options.haptic.loop.rate_hz, 0.79 + shift,
            [this, &hand](Nanoseconds now) { step_haptic(hand, now); });
+}
+
+// Makes the loop of the hand's process. If another hand joined the first one, the loop of both replaces its own.
+void VirtualRig::make_hand_loop(Hand& first, const Scene& scene) {
+  std::vector<KeyedHand> hands;
+  for (std::size_t h = first.place; h < hands_.size(); ++h) hands.push_back({hands_[h]->model, hands_[h]->key});
+  if (hands.size() == 1) {
+    first.soft_objects = scene.soft_objects;
+    first.options = scene.options.hand;
+  }
+  const auto loop = std::make_shared<HandLoop>(hands, first.options, object_spring(options_.world), first.soft_objects);
+  for (std::size_t i = 0; i < file_shapes_.size(); ++i)
+    loop->describe_object(world_->descriptions()[i], file_shapes_[i]);
+  for (const ObjectJointDescription& joint : world_->joint_descriptions()) loop->describe_joint(joint);
+  for (std::size_t h = 0; h < hands.size(); ++h) {
+    hands_[first.place + h]->loop = loop;
+    hands_[first.place + h]->in_loop = static_cast<int>(h);
+  }
 }
 
 void VirtualRig::add_other_hands(const Scene& first, const std::vector<std::string>& overrides) {
@@ -184,6 +209,7 @@ void VirtualRig::set_user(std::shared_ptr<const Motion> motion, double start_tim
 
 const Outcome& VirtualRig::outcome(std::size_t hand) const { return hands_[hand]->outcome; }
 const HandLoop& VirtualRig::hand(std::size_t hand) const { return *hands_[hand]->loop; }
+int VirtualRig::number_in_loop(std::size_t hand) const { return hands_[hand]->in_loop; }
 const TrackingLoop* VirtualRig::tracking(std::size_t hand) const { return hands_[hand]->tracking.get(); }
 const DeviceLoop<BoneWrench>& VirtualRig::haptic(std::size_t hand) const { return *hands_[hand]->haptic; }
 double VirtualRig::work_on_tracked(std::size_t hand) const { return hands_[hand]->work_on_tracked.joules(); }
@@ -206,16 +232,18 @@ void VirtualRig::run(double seconds, const std::function<void(const HandStepView
 }
 
 void VirtualRig::describe_object(const ObjectDescription& description) {
-  for (const auto& hand : hands_) hand->loop->describe_object(description);
+  for (const auto& hand : hands_)
+    if (hand->in_loop == 0) hand->loop->describe_object(description);
 }
 
 void VirtualRig::send(const Message& message) {
   for (const auto& hand : hands_) {
     if (hand->tracking) hand->tracking->answer(message, "tracking");
-    hand->loop->answer(message, "hand");
+    if (hand->in_loop == 0) hand->loop->answer(message, "hand");
   }
   world_->answer(message);
   for (const auto& hand : hands_) {
+    if (hand->in_loop > 0) continue;
     for (std::size_t i = 0; i < world_->descriptions().size(); ++i) {
       ObjectDescription description = world_->descriptions()[i];
       if (description.stamp.sequence <= descriptions_heard_) continue;
@@ -258,28 +286,50 @@ void VirtualRig::step_tracking(Hand& hand, Nanoseconds now) {
   send(hand.wrench_to_haptic, RigLoop::tracking, now, wrench);
 }
 
-void VirtualRig::step_hand(Hand& hand, Nanoseconds now) {
+void VirtualRig::step_hand(Hand& first, Nanoseconds now) {
+  HandLoop& loop = *first.loop;
   HandInput input;
-  input.skeleton = hand.skeleton_to_hand.receive(now);
-  input.world = hand.objects_to_hand.receive(now);
+  input.skeleton = first.skeleton_to_hand.receive(now);
+  if (loop.hand_count() > 1) input.second_skeleton = hands_[first.place + 1]->skeleton_to_hand.receive(now);
+  input.world = first.objects_to_hand.receive(now);
   for (const auto& other : hands_) {
-    if (other.get() == &hand) continue;
-    if (const ObjectCoupling* coupling = other->coupling_to_hand[hand.place].receive(now))
-      keep_newest(hand.other_hands, *coupling);
+    if (other->loop == first.loop) continue;
+    if (const ObjectCoupling* coupling = other->coupling_to_hand[first.place].receive(now))
+      keep_newest(first.other_hands, *coupling);
   }
-  input.other_hands = hand.other_hands;
-  HandOutput output = hand.loop->step(now, input, {});
-  if (!output.valid) return;
+  input.other_hands = first.other_hands;
+  loop.step(now, input, {});
+  if (!loop.plays()) return;
+  add_state(hasher_, loop.simulation().state());
+  // The results of a step are published when the step is done. That is most of a period after its inputs were read.
+  const Nanoseconds done = now + first.compute;
+  ObjectCoupling coupling = loop.output().coupling;
+  coupling.stamp.publish_time = done;
+  for (int h = 0; h < loop.hand_count(); ++h) {
+    Hand& hand = *hands_[first.place + static_cast<std::size_t>(h)];
+    hand.output = loop.output(h);
+    if (hand.output.valid) publish(hand, done, coupling);
+  }
+  send(first.coupling_to_world, RigLoop::hand, done, coupling);
+  for (std::size_t other = 0; other < hands_.size(); ++other)
+    if (hands_[other]->loop != first.loop) send(first.coupling_to_hand[other], RigLoop::hand, done, coupling);
+  for (int h = 0; h < loop.hand_count() && after_hand_step_; ++h) {
+    const Hand& hand = *hands_[first.place + static_cast<std::size_t>(h)];
+    if (hand.output.valid)
+      after_hand_step_(
+          {now, hand.place, &hand.output, &coupling, &loop.simulation(), h, &world_->objects(), &hand.tracked});
+  }
+}
+
+void VirtualRig::publish(Hand& hand, Nanoseconds done, const ObjectCoupling& coupling) {
+  HandOutput& output = hand.output;
   ++hand.steps;
   hand.timings.push_back(output.report.timing);
-  add_state(hasher_, hand.loop->simulation().state());
-  // The results of a step are published when the step is done. That is most of a period after its inputs were read.
-  const Nanoseconds done = now + hand.compute;
   output.simulated.stamp.publish_time = output.coupling.stamp.publish_time = output.contacts.stamp.publish_time = done;
   output.bone_wrench.stamp.publish_time = done;
   hand.outcome.on_simulated(output.simulated);
   hand.outcome.on_contacts(output.contacts);
-  hand.outcome.on_coupling(output.coupling);
+  if (hand.in_loop == 0) hand.outcome.on_coupling(coupling);
   tell(RigLoop::hand, output);
   if (hand.tracking) {
     send(hand.simulated_to_tracking, RigLoop::hand, done, output.simulated);
@@ -289,11 +339,6 @@ void VirtualRig::step_hand(Hand& hand, Nanoseconds now) {
     output.bone_wrench.stamp.chain.simulated_published = output.bone_wrench.stamp.chain.wrench_published = done;
     send(hand.wrench_to_haptic, RigLoop::hand, done, output.bone_wrench);
   }
-  send(hand.coupling_to_world, RigLoop::hand, done, output.coupling);
-  for (std::size_t other = 0; other < hands_.size(); ++other)
-    if (other != hand.place) send(hand.coupling_to_hand[other], RigLoop::hand, done, output.coupling);
-  if (after_hand_step_)
-    after_hand_step_({now, hand.place, &output, &hand.loop->simulation(), &world_->objects(), &hand.tracked});
 }
 
 void VirtualRig::step_world(Nanoseconds now) {

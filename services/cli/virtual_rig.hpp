@@ -82,7 +82,9 @@ struct HandStepView {
   Nanoseconds time = 0;
   std::size_t hand = 0;  ///< its place in the rig
   const HandOutput* output = nullptr;
+  const ObjectCoupling* coupling = nullptr;  ///< of the hand's process
   const HandSimulation* simulation = nullptr;
+  int in_simulation = 0;  ///< number of the hand in it
   const WorldObjects* objects = nullptr;
   const Skeleton* tracked = nullptr;
 };
@@ -99,6 +101,7 @@ class VirtualRig {
 
   /// Adds another hand with its own tracker, intermediate layer and glove, before `run`. `scene`: as its process reads
   /// it (`SceneOptions::plays`). The objects are those of the first hand's scene. Hand 0 is that of the constructor.
+  /// With `one_process`, the first hand's process simulates both.
   void add_hand(const Scene& scene, const HandModel& hand, std::unique_ptr<TrackerSource> tracker);
   /// Adds all further hands of the first hand's scene, with its `--set` assignments. Each plays its motion.
   void add_other_hands(const Scene& first, const std::vector<std::string>& overrides);
@@ -122,7 +125,9 @@ class VirtualRig {
   /// SHA-256 of the tracked and intermediate joints, the hand's nodes and bodies, and the objects' poses and velocities
   /// at every step.
   std::string state_hash() { return hasher_.hex(); }
+  /// The loop of a hand's process, and the hand's number in it.
   const HandLoop& hand(std::size_t hand = 0) const;
+  int number_in_loop(std::size_t hand) const;
   const TrackingLoop* tracking(std::size_t hand = 0) const;
   const WorldLoop& world() const { return *world_; }
   const DeviceLoop<BoneWrench>& haptic(std::size_t hand = 0) const;
@@ -143,10 +148,12 @@ class VirtualRig {
     RigLoop name = RigLoop::tracker;
     std::function<void(Nanoseconds)> step;
   };
+  void make_hand_loop(Hand& first, const Scene& scene);
+  void publish(Hand& hand, Nanoseconds done, const ObjectCoupling& coupling);
   void add_loop(RigLoop name, double rate_hz, double phase, std::function<void(Nanoseconds)> step);
   void deliver(Hand& hand, Nanoseconds now, const Skeleton& sample);
   void step_tracking(Hand& hand, Nanoseconds now);
-  void step_hand(Hand& hand, Nanoseconds now);
+  void step_hand(Hand& first, Nanoseconds now);
   void step_world(Nanoseconds now);
   void step_haptic(Hand& hand, Nanoseconds now);
 

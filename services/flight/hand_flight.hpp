@@ -26,6 +26,7 @@ struct FlightTraits<HandLoop> {
     out.write(static_cast<std::uint32_t>(from.input.other_hands.size()));
     for (const ObjectCoupling& coupling : from.input.other_hands) out.write(coupling);
     out.write(from.input.work_budget);
+    write(from.input.second_skeleton);
   }
   /// Steps with a recorded input. Samples live in here, because they are large.
   class Repeater {
@@ -40,6 +41,7 @@ struct FlightTraits<HandLoop> {
       for (ObjectCoupling& coupling : samples_->other_hands) in.read(coupling);
       input.other_hands = samples_->other_hands;
       input.work_budget = in.take<double>();
+      input.second_skeleton = read_optional(in, samples_->second_skeleton);
       loop.step(now, input, requested);
     }
     void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {
@@ -57,6 +59,7 @@ struct FlightTraits<HandLoop> {
       HeadPose head;
       WorldObjects world;
       std::vector<ObjectCoupling> other_hands;
+      Skeleton second_skeleton;
     };
     std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
   };
@@ -72,7 +75,9 @@ struct FlightTraits<HandLoop> {
   }
   static double largest_force(const HandLoop& loop) {
     double largest = 0;
-    for (const Vector3& force : loop.simulation().bone_contact_forces()) largest = std::max(largest, force.norm());
+    for (int hand = 0; hand < loop.hand_count(); ++hand)
+      for (const Vector3& force : loop.simulation().bone_contact_forces(hand))
+        largest = std::max(largest, force.norm());
     return largest;
   }
   static void save(const HandLoop& loop, ByteWriter& out) { loop.save(out); }

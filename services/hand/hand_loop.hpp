@@ -1,52 +1,33 @@
-// The loop of the hand. It takes the newest skeleton and world, makes one step, and returns the outputs for the topics.
-// It uses no clock and no DDS.
+// The loop of one or two hands. It takes the newest skeletons and world, makes one step, and returns the outputs for
+// the topics. It uses no clock and no DDS.
+//
+// Hands of one loop touch each other, and hold objects together, in one implicit step (docs/two-hands.md). They own
+// objects together, under the key of the first hand.
 #pragma once
 
-#include <array>
 #include <memory>
 #include <span>
 #include <vector>
 
-#include "device/tracked_input.hpp"
 #include "hand/hand_options.hpp"
 #include "hand/object_mirror.hpp"
+#include "hand/played_hand.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "scene/hand_simulation.hpp"
-#include "scene/skin_traction.hpp"
 
 namespace softhand {
 
 /// Input since the last step. A pointer is null if there is nothing new. The pointers are read during `step` only.
 struct HandInput {
-  const Skeleton* skeleton = nullptr;  ///< intermediate skeleton; tracked skeleton if the layer is left out
-  const HeadPose* head = nullptr;      ///< used only without the intermediate layer
+  /// Intermediate skeleton of the first hand; tracked skeleton if the layer is left out.
+  const Skeleton* skeleton = nullptr;
+  const HeadPose* head = nullptr;  ///< used only without the intermediate layer
   const WorldObjects* world = nullptr;
   std::span<const ObjectCoupling> other_hands{};  ///< the newest coupling of each other hand, also if it is not new
+  const Skeleton* second_skeleton = nullptr;      ///< the same of the second hand
   /// Fast steps, from this step on. 0: as before. Ignored if the options have no work budget.
   double work_budget = 0;
-};
-
-/// The outputs that have a subscriber. Other outputs are not computed.
-struct RequestedOutputs {
-  bool surface = true;
-  bool contacts = true;
-  bool traction = true;
-  bool bone_wrench = true;
-  bool soft_objects = true;
-  bool ledger = true;  ///< the energy ledger of the status
-};
-
-struct HandOutput {
-  bool valid = false;  ///< false before the first skeleton: the pose is unknown, and nothing must be published
-  Skeleton simulated;
-  ObjectCoupling coupling;
-  Contacts contacts;
-  SkinTraction traction;
-  BoneWrench bone_wrench;  ///< written only if the intermediate layer is left out
-  TissueSurface surface;
-  std::vector<SoftObjectState> soft_objects;  ///< one for each flexible object
-  StepReport report;
 };
 
 struct HandCounters {
@@ -61,10 +42,20 @@ struct HandCounters {
   std::uint64_t objects_without_slot = 0;  ///< `ObjectMirrorCounters::without_slot`
 };
 
+/// A hand with its key on the topics.
+struct KeyedHand {
+  HandModel model;
+  HandKey key;
+};
+
 class HandLoop {
  public:
   /// If the spring has a stiffness, objects use mode symmetric. `soft_objects`: of the scene.
   HandLoop(const HandModel& hand, const HandOptions& options, HandKey key, const ObjectSpring& object_spring = {},
+           std::vector<SoftObject> soft_objects = {});
+  /// The same for one or two hands of one user. Throws std::invalid_argument for two hands of the same side or of two
+  /// users, and as `HandSimulation`.
+  HandLoop(const std::vector<KeyedHand>& hands, const HandOptions& options, const ObjectSpring& object_spring = {},
            std::vector<SoftObject> soft_objects = {});
   ~HandLoop();
 
@@ -102,69 +93,64 @@ class HandLoop {
   template <typename Visit>
   void for_each_part(Visit&& visit) const {
     simulation_->for_each_part(visit);
-    visit("twins", output_.coupling.twins);
+    visit("twins", output().coupling.twins);
     visit("counters", counters());
-    visit("iterations", output_.report.iterations);
-    visit("residual", output_.report.residual);
-    visit("energy", output_.report.energy);
+    visit("iterations", report().iterations);
+    visit("residual", report().residual);
+    visit("energy", report().energy);
   }
   /// Of the last step.
-  const StepReport& report() const { return output_.report; }
+  const StepReport& report() const { return output().report; }
 
   /// Makes one step. The state afterwards is that at `now`. The stamps of the outputs contain the chain of the input.
-  /// The caller fills in the rest of each stamp in place before the next step.
+  /// The caller fills in the rest of each stamp in place before the next step. Returns the output of the first hand. No
+  /// step is made before the first skeleton.
   HandOutput& step(Nanoseconds now, const HandInput& input, const RequestedOutputs& requested);
+  int hand_count() const { return static_cast<int>(hands_.size()); }
+  HandKey key(int hand = 0) const { return hands_[static_cast<std::size_t>(hand)]->key(); }
+  /// Of the last step.
+  HandOutput& output(int hand = 0) { return hands_[static_cast<std::size_t>(hand)]->output(); }
+  const HandOutput& output(int hand = 0) const { return hands_[static_cast<std::size_t>(hand)]->output(); }
+  /// Whether any hand's pose is known, so that the outputs of the process are valid.
+  bool plays() const;
 
   /// Returns to the initial state: without objects, and with an unknown pose until a skeleton arrives that was sampled
   /// after `time`. World samples up to `time` are ignored. Flexible objects are back where they started.
   void reset(Nanoseconds time);
 
-  HandDescription description() const;
+  HandDescription description(int hand = 0) const;
   /// Of all flexible objects.
   std::vector<SoftObjectDescription> soft_object_descriptions() const;
   /// Answers messages. Keys:
-  /// - `reposition` with any value: the hand moves to its target at once and releases what it holds.
+  /// - `reposition` with any value: the hands move to their targets at once and release what they hold.
   /// - `object.reset` NAME or *: a flexible object is back where it started, at rest. The world answers for the others.
   MessageReply answer(const Message& message, const std::string& module);
   /// Adds input age, results of the last step's solver, state figures, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
   const HandSimulation& simulation() const { return *simulation_; }
   /// Real time at which the tracker's sample of the newest step was published. 0: none yet.
-  Nanoseconds tracked_published() const { return output_.simulated.stamp.chain.tracked_published; }
-  HandCounters counters() const {
-    HandCounters result = counters_;
-    result.refused_nonfinite += mirror_.counters().refused_nonfinite;
-    result.objects_without_slot = mirror_.counters().without_slot;
-    return result;
-  }
+  Nanoseconds tracked_published() const { return output().simulated.stamp.chain.tracked_published; }
+  HandCounters counters() const;
   const HandOptions& options() const { return options_; }
-  /// Milliseconds since the newest skeleton was sampled. Negative: no skeleton yet.
+  /// Milliseconds since the newest skeleton was sampled, of the hand for which this is longest ago. Negative: no
+  /// skeleton yet.
   double input_age_ms(Nanoseconds now) const;
 
  private:
-  template <typename Self, typename Visit>
-  static void visit_own(Self& self, Visit&& visit);
-  void take_skeleton(Nanoseconds now, const Skeleton& skeleton);
+  bool settles() const;
+  void park_unknown();
   void take_world(Nanoseconds now, const WorldObjects& world);
-  void set_targets(Nanoseconds now);
   void write_outputs(Nanoseconds now, const RequestedOutputs& requested);
   MessageReply restart_soft_objects(const Message& message, const std::string& module);
 
   HandOptions options_;
-  HandKey key_;
   bool symmetric_;
   double time_step_;
   std::unique_ptr<HandSimulation> simulation_;
-  SkinTractionReport traction_;
+  std::vector<std::unique_ptr<PlayedHand>> hands_;
   ObjectMirror mirror_;
-  TrackedInput tracked_;  // used only if the intermediate layer is left out
-  Skeleton skeleton_;     // newest intermediate skeleton
-  bool any_skeleton_ = false;
-  bool reposition_asked_ = false;
-  double settling_time_ = 0;  // s until the fingers have come to the targets after a reposition
   Nanoseconds reset_time_ = -1;
-  HandCounters counters_;
-  HandOutput output_;
+  HandCounters counters_;  // of the steps and of worlds from the future
 };
 
 }  // namespace softhand

@@ -62,6 +62,8 @@ constexpr int kMostDescriptions = 32;
 void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
   const Scene scene = read_own_scene(arguments.config, arguments.overrides);
+  if (scene.options.one_process)
+    throw ConfigError(scene.path + ": one_process: softhand-hand simulates one hand, expected `one_process = false`");
   HandOptions options = scene.options.hand;
   const HandKey key = hand_key(scene);
 

@@ -24,7 +24,8 @@ struct ObjectMirrorCounters {
 
 class ObjectMirror {
  public:
-  /// `hand`: whose simulation it is. `symmetric`: objects use mode symmetric. The arguments must outlive this object.
+  /// `hand`: the key under which the simulation's hands own objects. `symmetric`: objects use mode symmetric. The
+  /// arguments must outlive this object.
   ObjectMirror(HandSimulation& simulation, const HandOptions& options, HandKey hand, bool symmetric);
 
   /// As `HandLoop::describe_object`, `describe_joint` and `use_file_shapes`.
@@ -87,6 +88,7 @@ class ObjectMirror {
 
   // Which objects get slots (object_slots.cpp).
   void measure_distances();
+  void measure_distances_of(int hand);
   void measure_soft_distance(KnownObject& object) const;
   void give_slots(Nanoseconds now);
   void give_slot(std::size_t object, int slot, Nanoseconds now);

@@ -73,36 +73,14 @@ void ObjectMirror::clear_slot(KnownObject& object) {
 }
 
 void ObjectMirror::measure_distances() {
-  BoneSegments bones;
-  for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const Body body = static_cast<Body>(b);
-    const Vector3 start = simulation_.joint_pose(joint_of(body)).position;
-    bones.set(b, start, body == Body::forearm ? start : simulation_.joint_pose(end_joint_of(body)).position);
-  }
-  const Vector3 middle = simulation_.joint_pose(Joint::palm).position;
-  const double reach = bones.reach(middle);
-  double fastest = 0;  // m/s, of a bone
-  for (std::size_t b = 0; b < kBodyCount; ++b)
-    fastest = std::max(fastest, simulation_.joint_velocity(joint_of(static_cast<Body>(b))).linear.norm());
   for (KnownObject& object : objects_) {
     if (!object.seen) continue;
-    const Vector3 position = to_vector(object.state.position);
-    // Contact detection sweeps an object from its previous pose in the slot. Therefore an object needs a slot one step
-    // before it can touch the skin.
-    const double spin = to_vector(object.state.angular_velocity).norm();
-    const double speed = fastest + to_vector(object.state.linear_velocity).norm() +
-                         (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
-    object.near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
-    // This cheap lower bound already excludes most objects.
-    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * object.near) {
-      object.distance = std::numeric_limits<double>::infinity();
-    } else if (object.bounding_radius < 0.5) {
-      object.distance = bones.distance(position) - object.bounding_radius;
-    } else {  // the bounding sphere of a table would be near everything
-      object.distance = bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
-    }
-    if (simulation_.soft() != nullptr) measure_soft_distance(object);
+    object.distance = std::numeric_limits<double>::infinity();
+    object.near = 0;
   }
+  for (int hand = 0; hand < simulation_.hand_count(); ++hand) measure_distances_of(hand);
+  for (KnownObject& object : objects_)
+    if (object.seen && simulation_.soft() != nullptr) measure_soft_distance(object);
   // All objects of an assembly are as near as its nearest one.
   for (const KnownObject& object : objects_) {
     if (!object.jointed || !object.seen) continue;
@@ -111,6 +89,40 @@ void ObjectMirror::measure_distances() {
       other.distance = std::min(other.distance, object.distance);
       other.near = std::max(other.near, object.near);
     }
+  }
+}
+
+// An object is as near as to the nearest hand.
+void ObjectMirror::measure_distances_of(int hand) {
+  BoneSegments bones;
+  for (std::size_t b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    const Vector3 start = simulation_.joint_pose(joint_of(body), hand).position;
+    bones.set(b, start, body == Body::forearm ? start : simulation_.joint_pose(end_joint_of(body), hand).position);
+  }
+  const Vector3 middle = simulation_.joint_pose(Joint::palm, hand).position;
+  const double reach = bones.reach(middle);
+  double fastest = 0;  // m/s, of a bone
+  for (std::size_t b = 0; b < kBodyCount; ++b)
+    fastest = std::max(fastest, simulation_.joint_velocity(joint_of(static_cast<Body>(b)), hand).linear.norm());
+  for (KnownObject& object : objects_) {
+    if (!object.seen) continue;
+    const Vector3 position = to_vector(object.state.position);
+    // Contact detection sweeps an object from its previous pose in the slot. Therefore an object needs a slot one step
+    // before it can touch the skin.
+    const double spin = to_vector(object.state.angular_velocity).norm();
+    const double speed = fastest + to_vector(object.state.linear_velocity).norm() +
+                         (spin > 0 ? spin * std::min(object.bounding_radius, (position - middle).norm() + reach) : 0);
+    const double near = std::max(options_.near_distance, kSkinDistance + time_step_ * speed);
+    object.near = std::max(object.near, near);
+    // This cheap lower bound already excludes most objects.
+    if ((position - middle).norm() - object.bounding_radius - reach > kForgetDistance * near) continue;
+    const double distance =
+        object.bounding_radius < 0.5
+            ? bones.distance(position) - object.bounding_radius
+            // The bounding sphere of a table would be near everything.
+            : bones.distance(to_pose(object.state.position, object.state.orientation), *object.shape);
+    object.distance = std::min(object.distance, distance);
   }
 }
 

@@ -18,6 +18,7 @@ std::vector<Case> contact_cases();
 std::vector<Case> shape_cases();
 std::vector<Case> joint_cases();
 std::vector<Case> bone_cases();
+std::vector<Case> two_hands_cases();
 std::vector<Case> world_cases();
 std::vector<Case> process_cases();
 

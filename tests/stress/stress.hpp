@@ -71,7 +71,7 @@ struct Setting {
 
 struct Case {
   std::string name;       ///< unique
-  std::string section;    ///< Material, Solver, Tracker, Contact, Shapes, Joints, Bones, World
+  std::string section;    ///< Material, Solver, Tracker, Contact, Shapes, Joints, Bones, Two hands, World
   std::string statement;  ///< meaning of Pass in one line; empty if the invariants say it all
   std::vector<Setting> rows;
 };

@@ -178,6 +178,58 @@ TEST(HandLoop, ResetForgetsTheEarlierPositionsOfTheHand) {
             1e-3);
 }
 
+// The palms of two hands of one loop press on each other. The second hand plays also before the first one is known.
+TEST(HandLoop, TwoHandsOfOneLoopTouchEachOther) {
+  const HandModel right = hand(), left = mirrored(right);
+  const HandKey keys[]{{0, 1}, {0, 0}};
+  HandLoop loop({{right, keys[0]}, {left, keys[1]}}, loop_options());
+  HandLoop loaded({{right, keys[0]}, {left, keys[1]}}, loop_options());
+  EXPECT_THROW(HandLoop({{right, keys[0]}, {left, keys[0]}}, loop_options()), std::invalid_argument);
+  EXPECT_THROW(HandLoop({{right, keys[0]}, {left, {1, 0}}}, loop_options()), std::invalid_argument);
+  const Quaternion palm_up(Eigen::AngleAxisd(M_PI, Vector3::UnitZ()));
+  Skeleton above, below;
+  HandInput input;
+  const auto step = [&](HandLoop& of, int i, double closer) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    const auto sequence = static_cast<std::uint64_t>(i) + 1;
+    above = skeleton_at(right, {Vector3(0, 0.020 - 0.5 * closer, 0), Quaternion::Identity()}, now, sequence);
+    below = skeleton_at(left, {Vector3(0, -0.020 + 0.5 * closer, 0), palm_up}, now, sequence);
+    return of.step(now, input, {});
+  };
+  input.second_skeleton = &below;
+  EXPECT_FALSE(step(loop, 0, 0).valid) << "the first hand's pose is not known";
+  EXPECT_TRUE(loop.plays());
+  EXPECT_TRUE(loop.output(1).valid);
+  input.skeleton = &above;
+  for (int i = 1; i < 40; ++i) EXPECT_TRUE(step(loop, i, 0.01).valid);
+  std::array<Vector3, 2> pushed;
+  for (int h = 0; h < 2; ++h) {
+    EXPECT_EQ(loop.output(h).simulated.hand, keys[h]);
+    EXPECT_EQ(loop.output(h).surface.hand, keys[h]);
+    EXPECT_EQ(static_cast<int>(loop.output(h).surface.nodes.size()), right.node_count());
+    EXPECT_EQ(loop.description(h).hand, keys[h]);
+    pushed[static_cast<std::size_t>(h)].setZero();
+    for (const Vector3& force : loop.simulation().bone_contact_forces(h)) pushed[static_cast<std::size_t>(h)] += force;
+  }
+  EXPECT_GT(pushed[0].y(), 1);
+  EXPECT_LE((pushed[0] + pushed[1]).norm(), 1e-9);
+  EXPECT_EQ(loop.output().coupling.hand, keys[0]) << "the hands own objects under the key of the first";
+  std::vector<std::byte> bytes(8 << 20);
+  ByteWriter out(bytes);
+  loop.save(out);
+  loop.forget();
+  bytes.resize(out.size());
+  ByteReader in(bytes);
+  loaded.load(in);
+  for (HandLoop* of : {&loop, &loaded}) step(*of, 40, 0.01);
+  EXPECT_EQ(loop.simulation().state().node_positions, loaded.simulation().state().node_positions);
+  // After a reset no hand is known, and no step is made.
+  loop.reset(kSecond + kSecond);
+  input = {};
+  EXPECT_FALSE(step(loop, 41, 0).valid);
+  EXPECT_FALSE(loop.output(1).valid);
+}
+
 TEST(HandLoop, RefusesSkeletonsAndWorldsFromTheFuture) {
   constexpr Nanoseconds kHour = 3600 * kSecond;
   HandLoop loop(hand(), loop_options(), {});

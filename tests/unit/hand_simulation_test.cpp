@@ -231,6 +231,33 @@ TEST(HandSimulation, ContactForceBalancesThePressOfTheHand) {
   EXPECT_NEAR(coupling.y(), wrench.force.y(), 0.02) << "the force of the couplings must reach the object";
 }
 
+// A turntable below the palm.
+TEST(HandSimulation, ContactsHaveTheVelocityOfTheObjectThere) {
+  HandSimulation simulation(hand(), options(), 0, 1);
+  const ShapeGeometry geometry(cube_shape(0.02));
+  simulation.set_slot(0, {7, &geometry, 0.05, Matrix3::Identity() * 1.3e-5, 0.8});
+  const Vector3 centre(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  const Twist twist{Vector3(0.1, 0, -0.05), Vector3(0, 2, 0)};
+  set_rest_targets(simulation, {Vector3(0, -0.004, 0), Quaternion::Identity()});
+  for (int i = 0; i < 10; ++i) {
+    simulation.set_slot_motion(0, {centre, Quaternion::Identity()}, twist);
+    simulation.step(kStep);
+  }
+  const auto contacts = std::make_unique<Contacts>();
+  simulation.write_contacts(*contacts);
+  ASSERT_GT(contacts->contacts.size(), 3u);
+  const Vector3 place = simulation.slot_pose(0).position;
+  for (const Contact& contact : contacts->contacts) {
+    const Vector3 expected = twist.linear + twist.angular.cross(to_vector(contact.point) - place);
+    EXPECT_LT((to_vector(contact.velocity) - expected).norm(), 1e-9);
+  }
+  ASSERT_GT(contacts->near.size(), 0u);
+  for (const NearContact& near : contacts->near) {
+    const Vector3 expected = twist.linear + twist.angular.cross(to_vector(near.point) - place);
+    EXPECT_LT((to_vector(near.velocity) - expected).norm(), 1e-9);
+  }
+}
+
 SimulationOptions converging_options() {
   SimulationOptions o;
   o.solver.max_iterations = 60;

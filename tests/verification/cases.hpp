@@ -19,6 +19,7 @@ std::vector<Case> layer_cases();
 std::vector<Case> grasp_cases();
 std::vector<Case> hand_cases();
 std::vector<Case> soft_cases();
+std::vector<Case> two_hands_cases();
 
 inline constexpr double kGravity = 9.81;  // m/s^2
 

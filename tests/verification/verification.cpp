@@ -48,8 +48,9 @@ bool Row::passed() const {
 const std::vector<Case>& all_cases() {
   static const std::vector<Case> all = [] {
     std::vector<Case> list;
-    for (const auto& part : {material_cases(), balance_cases(), bending_cases(), indentation_cases(), body_cases(),
-                             contact_cases(), layer_cases(), grasp_cases(), hand_cases(), soft_cases()}) {
+    for (const auto& part :
+         {material_cases(), balance_cases(), bending_cases(), indentation_cases(), body_cases(), contact_cases(),
+          layer_cases(), grasp_cases(), hand_cases(), soft_cases(), two_hands_cases()}) {
       list.insert(list.end(), part.begin(), part.end());
     }
     return list;

@@ -8,6 +8,7 @@
 #include "messages/convert.hpp"
 #include "trackers/replay/free_motion.hpp"
 #include "trackers/replay/grip.hpp"
+#include "trackers/replay/hand_to_hand.hpp"
 
 namespace softhand {
 namespace {
@@ -194,6 +195,7 @@ std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOption
   }
   if (pinches || options.motion == "power_grasp" || options.motion == "press")
     return std::make_unique<GraspMotion>(hand, options);
+  if (options.motion == "clap" || options.motion == "interlace") return make_hand_to_hand(hand, options);
   return make_free_motion(hand, options);
 }
 

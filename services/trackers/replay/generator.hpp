@@ -57,12 +57,15 @@ struct GeneratorOptions {
 };
 
 inline void describe(OptionVisitor& v, GeneratorOptions& o) {
-  v.choice("motion", o.motion, {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "rub", "free_motion"},
-           "In a pinch, thumb and index finger grip a cube on a table. In a power_grasp, all fingers grip an upright "
-           "cylinder. In a press, the index finger pushes down by lower_depth. With unscrew, the pinch grips, turns, "
-           "lets go and turns back, again and again. With scissors, thumb and index finger enter two rings, and open "
-           "and close. A fist opens and closes the hand in the air. With rub, the thumb slides along the index finger. "
-           "A free_motion has no object.");
+  v.choice(
+      "motion", o.motion,
+      {"pinch", "power_grasp", "press", "unscrew", "scissors", "fist", "rub", "clap", "interlace", "free_motion"},
+      "In a pinch, thumb and index finger grip a cube on a table. In a power_grasp, all fingers grip an upright "
+      "cylinder. In a press, the index finger pushes down by lower_depth. With unscrew, the pinch grips, turns, "
+      "lets go and turns back, again and again. With scissors, thumb and index finger enter two rings, and open "
+      "and close. A fist opens and closes the hand in the air. With rub, the thumb slides along the index finger. "
+      "With clap, the palm meets that of the mirrored hand, again and again. With interlace, the fingers go between "
+      "those of the mirrored hand and leave them again. A free_motion has no object.");
   v.numbers("object_position", o.object_position.data(), 3, "m", {-1000, 1000},
             "Middle of the grip in the world, or of the whole motion if there is no object.");
   v.number("object_width", o.object_width, "m", {0.002, 0.12},
@@ -80,7 +83,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
            "The middle finger also reaches behind the handle. Depth of its tracked back in the vessel (pinch). 0 = it "
            "stays curled.");
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
-           "Depth of each tracked pad below the surface. The coupling converts it to grip force.");
+           "Depth of each tracked pad below the surface. The coupling converts it to grip force. In a clap, the way of "
+           "each tracked palm beyond the middle; with interlace, that of the middle fingertip.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
   v.number("yaw", o.yaw, "rad", {-10, 10},
            "Direction of the grip about the vertical. 0 = from thumb to index along -Z.");
@@ -90,7 +94,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.numbers("orientation", o.orientation.data(), 4, "1", {-1, 1},
             "Rotation of grip, approach and turn about object_position, a quaternion xyzw.");
   v.number("approach_distance", o.approach_distance, "m", {0, 1},
-           "Distance at which the hand starts its approach and ends its retreat.");
+           "Distance at which the hand starts its approach and ends its retreat. In a clap, also the distance from the "
+           "middle between two claps.");
   v.numbers("start_offset", o.start_offset.data(), 3, "m", {-1, 1},
             "Added to the place at which the hand starts and ends, in the world. The second half of the approach is "
             "the same for every start.");
@@ -104,7 +109,7 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
             "Axis of the turn in the world. The default is upright, so that the object can be put down flat.");
   v.number("other_turn_angle", o.other_turn_angle, "rad", {-3.2, 3.2},
            "Second turn, from the first orientation, before the return. It takes twice turn_time. 0 = none.");
-  v.integer("repeats", o.repeats, "1", {1, 100}, "Number of grips (unscrew) or strokes (scissors).");
+  v.integer("repeats", o.repeats, "1", {1, 100}, "Number of grips (unscrew), strokes (scissors) or claps.");
   v.number("ring_opening", o.ring_opening, "m", {0, 0.05},
            "Distance of each finger from the closed face while it enters and leaves its ring (scissors).");
   v.number("release_height", o.release_height, "m", {0, 1},
