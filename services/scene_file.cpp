@@ -183,8 +183,8 @@ void describe(OptionVisitor& v, SceneOptions& o) {
          "With a recorded motion, scale the hand to the bone lengths and thickness of the recording.");
   v.string("calibration", o.calibration,
            "The user's hand, to which the simulated hand is fitted: auto, none, or a file of `softhand calibrate` "
-           "(docs/calibration.md). auto: the processes of a rig take the file of the user if there is one, `softhand "
-           "simulate` takes none. Not used if the hand is fitted to a recording.");
+           "(docs/calibration.md). With auto, the processes of a rig take the user's file if there is one. `softhand "
+           "simulate` then takes none. Not used if the hand is fitted to a recording.");
   describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
   for (auto& [section, driver] : o.drivers) {

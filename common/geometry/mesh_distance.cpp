@@ -131,8 +131,9 @@ MeshDistance::Nearest MeshDistance::nearest(const Vector3& point, std::size_t hi
 }
 
 SolidProperties solid_properties(const TriangleMesh& mesh) {
-  // Sums over tetrahedra that share one point. The second moments of a tetrahedron with corners o, a, b, c about o are
-  // volume/20 ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T).
+  // Sums over tetrahedra that share one point o. With the other corners a, b, c from o, the second moments about o are
+  //
+  //   volume/20 ((a+b+c)(a+b+c)^T + a a^T + b b^T + c c^T)
   const Vector3 origin = mesh.vertices.at(0);
   double volume = 0;
   Vector3 first = Vector3::Zero();

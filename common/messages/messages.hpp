@@ -169,7 +169,7 @@ inline constexpr std::size_t kMaxSkinRegions = 512;
 struct SkinRegion {
   std::uint32_t region = 0;              ///< number of the contact point in the hand file
   std::uint32_t body = 0;                ///< nearest bone, `Body`
-  std::uint32_t object = 0;              ///< id of the object with the largest force; 0: none, or the hand's own skin
+  std::uint32_t object = 0;              ///< id of the object with the largest force; 0: none, or the skin of a hand
   std::array<float, 3> place{};          ///< at rest, m, from the origin of the bone's joint; never changes
   std::array<float, 3> normal{};         ///< unit, outward of the skin where it touches now; zero if `area` is zero
   float pressure = 0;                    ///< on the touching skin, Pa

@@ -12,8 +12,10 @@
 namespace softhand {
 namespace {
 
-// Maps the surroundings of a bone from the old rest pose to the new one.
+// Maps the surroundings of a bone from the old rest pose to the new one:
+//
 //   p -> new_origin + turn * S * (p - old_origin)
+//
 // S scales by `length` along the bone and by `thickness` across it. The map uses only the position and direction of
 // bones. The rotation of their frames about the bone is a convention of the source.
 struct BoneMap {

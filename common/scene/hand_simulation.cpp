@@ -32,9 +32,9 @@ Twist at_point(const Twist& of_centre, const Vector3& lever) {
   return {of_centre.linear + of_centre.angular.cross(lever), of_centre.angular};
 }
 
-// Removes the noise of a hand at rest from the velocity of its carpus and follows a fast hand: the One Euro filter
-// (Casiez, Roussel and Vogel, CHI 2012), with one cutoff for all components. A tracker with a noise of 0.1 mm and 1
-// mrad at 90 Hz makes about 10 mm/s.
+// Removes the noise of a hand at rest from the velocity of its carpus, and follows a fast hand. This is the One Euro
+// filter (Casiez, Roussel and Vogel, CHI 2012) with one cutoff for all components. A tracker with a noise of 0.1 mm and
+// 1 mrad at 90 Hz makes about 10 mm/s.
 void follow_carpus(const Twist& carpus, double time_step, Twist& smoothed) {
   constexpr double kCutoffAtRest = 1;     // Hz
   constexpr double kCutoffOfSpeed = 100;  // Hz per m/s

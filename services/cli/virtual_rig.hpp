@@ -131,8 +131,8 @@ class VirtualRig {
   const TrackingLoop* tracking(std::size_t hand = 0) const;
   const WorldLoop& world() const { return *world_; }
   const DeviceLoop<BoneWrench>& haptic(std::size_t hand = 0) const;
-  /// Work of the forces and torques of all bones, J, if they acted in full on the bones of the tracked hand, with its
-  /// noise, and on those of the user's hand.
+  /// Work of the forces and torques of all bones, J, if they acted in full on the bones of the tracked hand. That hand
+  /// has the noise of the tracker; the user's hand, of `work_on_user`, has none.
   double work_on_tracked(std::size_t hand = 0) const;
   double work_on_user(std::size_t hand = 0) const;
   std::uint64_t steps_of_hand(std::size_t hand = 0) const;
