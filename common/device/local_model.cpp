@@ -88,7 +88,7 @@ ActuatorValues DeviceMotion::velocities() const {
   if (count_ < 2) return out;
   std::size_t ago = 1;
   while (ago + 1 < count_ && sample(0).time - sample(ago).time < kVelocityTime) ++ago;
-  const double elapsed = static_cast<double>(sample(0).time - sample(ago).time) * 1e-9;
+  const double elapsed = static_cast<double>(sample(0).time - sample(ago).time) * kSecondsPerNanosecond;
   for (std::size_t i = 0; i < actuators_; ++i) out[i] = (sample(0).positions[i] - sample(ago).positions[i]) / elapsed;
   return out;
 }
@@ -175,7 +175,8 @@ void LocalModel::evaluate(Nanoseconds now, const DeviceMotion& motion, std::span
   if (count_ == 0) return;
   const bool measures = !motion.empty();
   const ActuatorValues velocities = motion.velocities();
-  const double elapsed = std::clamp(static_cast<double>(now - sample_time_) * 1e-9, 0.0, kLongestTravel);
+  const double elapsed =
+      std::clamp(static_cast<double>(now - sample_time_) * kSecondsPerNanosecond, 0.0, kLongestTravel);
   for (std::size_t p = 0; p < count_; ++p) {
     const Plane& plane = planes_[p];
     double force = plane.force;

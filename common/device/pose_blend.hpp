@@ -39,7 +39,7 @@ struct PoseBlend {
 
  private:
   double progress(Nanoseconds time, double seconds) const {
-    const double passed = static_cast<double>(time - start) * 1e-9;
+    const double passed = static_cast<double>(time - start) * kSecondsPerNanosecond;
     return passed < seconds ? std::max(0.0, passed / seconds) : 1;
   }
 };
