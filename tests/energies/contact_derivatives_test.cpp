@@ -7,7 +7,7 @@
 #include "energies/derivative_suite.hpp"
 #include "energies/memory_suite.hpp"
 
-namespace softhand {
+namespace softhand::contact_derivatives_test {
 namespace {
 
 using testing::ContactRig;
@@ -189,4 +189,4 @@ TEST_P(ContactDerivatives, MemoryRepeatsTheBits) {
 INSTANTIATE_TEST_SUITE_P(Seeds, ContactDerivatives, ::testing::Values(1, 2, 3, 4, 5));
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::contact_derivatives_test

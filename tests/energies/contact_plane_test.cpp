@@ -11,7 +11,7 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 
-namespace softhand {
+namespace softhand::contact_plane_test {
 namespace {
 
 constexpr double kGravity = 9.81;
@@ -187,4 +187,4 @@ TEST(PlaneContact, ClearedObjectIsFree) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::contact_plane_test

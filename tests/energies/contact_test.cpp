@@ -10,7 +10,7 @@
 #include "math/rotation.hpp"
 #include "support/contact_message.hpp"
 
-namespace softhand {
+namespace softhand::contact_test {
 namespace {
 
 using testing::ContactRig;
@@ -377,4 +377,4 @@ TEST(Contact, RefusesBadNumbers) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::contact_test

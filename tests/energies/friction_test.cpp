@@ -7,7 +7,7 @@
 #include "energies/contact_rig.hpp"
 #include "math/rotation.hpp"
 
-namespace softhand {
+namespace softhand::friction_test {
 namespace {
 
 using testing::ContactRig;
@@ -141,4 +141,4 @@ TEST(Friction, OneIterationIgnoresTheTinyVelocityOfARestingObject) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::friction_test

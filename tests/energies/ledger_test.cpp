@@ -16,7 +16,7 @@
 #include "solver/newton_solver.hpp"
 #include "support/node_contact.hpp"
 
-namespace softhand {
+namespace softhand::ledger_test {
 namespace {
 
 constexpr double kGravity = 9.81;
@@ -411,4 +411,4 @@ TEST(EnergyLedger, ReportsTheWorkThatATermOmits) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::ledger_test

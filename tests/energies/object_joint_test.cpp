@@ -15,7 +15,7 @@
 #include "solver/newton_solver.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::object_joint_test {
 namespace {
 
 using testing::DenseStepper;
@@ -548,4 +548,4 @@ TEST(ObjectJoint, RefusesLawsThatCannotRun) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::object_joint_test

@@ -6,7 +6,7 @@
 #include "energies/derivative_suite.hpp"
 #include "messages/convert.hpp"
 
-namespace softhand {
+namespace softhand::other_hands_test {
 namespace {
 
 constexpr double kTimeStep = 1.0 / 90;
@@ -101,4 +101,4 @@ TEST(OtherHands, ActOnlyInTheNextStepAndOnlyIfTheyPress) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::other_hands_test

@@ -17,7 +17,7 @@
 #include "math/rotation.hpp"
 #include "support/box_mesh.hpp"
 
-namespace softhand {
+namespace softhand::relaxation_test {
 namespace {
 
 constexpr double kTimeStep = 1.0 / 90;
@@ -231,4 +231,4 @@ TEST(Relaxation, RefusesBadNumbers) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::relaxation_test

@@ -7,7 +7,7 @@
 #include "energies/contact_rig.hpp"
 #include "energies/derivative_suite.hpp"
 
-namespace softhand {
+namespace softhand::sharp_point_test {
 namespace {
 
 using testing::shape_of;
@@ -115,4 +115,4 @@ TEST(SharpPoint, OfAnObjectThatStaysOutsideIsNotFelt) {
 INSTANTIATE_TEST_SUITE_P(Seeds, SharpPointDerivatives, ::testing::Values(1, 2, 3, 4, 5));
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::sharp_point_test

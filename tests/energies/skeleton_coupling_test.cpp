@@ -9,7 +9,7 @@
 #include "energies/inertia.hpp"
 #include "energies/memory_suite.hpp"
 
-namespace softhand {
+namespace softhand::skeleton_coupling_test {
 namespace {
 
 using testing::DenseStepper;
@@ -265,4 +265,4 @@ TEST(BodyCoupling, RefusesInvalidGains) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skeleton_coupling_test

@@ -9,7 +9,7 @@
 #include "energies/inertia.hpp"
 #include "math/rotation.hpp"
 
-namespace softhand {
+namespace softhand::skeleton_inertia_test {
 namespace {
 
 using testing::DenseStepper;
@@ -137,4 +137,4 @@ TEST(Inertia, KineticEnergyMatchesTheClosedForm) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skeleton_inertia_test

@@ -9,7 +9,7 @@
 #include "energies/joint.hpp"
 #include "support/block_hand.hpp"
 
-namespace softhand {
+namespace softhand::skeleton_joint_test {
 namespace {
 
 using testing::DenseStepper;
@@ -184,4 +184,4 @@ TEST(JointEnergy, RefusesBadRangesAndStiffness) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skeleton_joint_test

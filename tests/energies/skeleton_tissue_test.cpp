@@ -8,7 +8,7 @@
 #include "energies/derivative_suite.hpp"
 #include "support/block_hand.hpp"
 
-namespace softhand {
+namespace softhand::skeleton_tissue_test {
 namespace {
 
 // The block hand with only a corner of its tissue and a few bodies' attachments, small enough for dense differences. A
@@ -124,4 +124,4 @@ TEST(SkeletonTissue, RefusesAStateThatIsTooSmall) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skeleton_tissue_test

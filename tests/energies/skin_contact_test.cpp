@@ -9,7 +9,7 @@
 #include "energies/tissue.hpp"
 #include "support/two_fingers.hpp"
 
-namespace softhand {
+namespace softhand::skin_contact_test {
 namespace {
 
 using namespace testing;
@@ -263,4 +263,4 @@ TEST(SkinContact, SlidesWithCoulombsForce) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skin_contact_test

@@ -13,7 +13,7 @@
 #include "support/cores.hpp"
 #include "support/scalar_tissue.hpp"
 
-namespace softhand {
+namespace softhand::tissue_kernel_test {
 namespace {
 
 using testing::Random;
@@ -327,4 +327,4 @@ TEST(TissueKernel, NaNStaysInItsElement) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::tissue_kernel_test

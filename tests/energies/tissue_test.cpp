@@ -10,7 +10,7 @@
 #include "support/box_mesh.hpp"
 #include "support/scalar_tissue.hpp"
 
-namespace softhand {
+namespace softhand::tissue_test {
 namespace {
 
 using testing::corotational_hessian;
@@ -274,4 +274,4 @@ TEST(Tissue, RefusesFlatTetrahedraAndWrongIndices) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::tissue_test

@@ -7,7 +7,7 @@
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
 
-namespace softhand::bus {
+namespace softhand::bus::bus_admission_test {
 /// device_state as sent by a writer with a larger bound.
 struct LongDeviceState {
   std::uint32_t device = 0;
@@ -228,4 +228,4 @@ TEST(Bus, OneTakeEndsAlthoughSamplesGoOn) {
 }
 
 }  // namespace
-}  // namespace softhand::bus
+}  // namespace softhand::bus::bus_admission_test

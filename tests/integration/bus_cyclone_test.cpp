@@ -8,7 +8,7 @@
 #include "bus/bus.hpp"
 #include "integration/bus_harness.hpp"
 
-namespace softhand::bus {
+namespace softhand::bus::bus_cyclone_test {
 namespace {
 
 /// Sends a message through Cyclone's generated C type and back. The echo must have the same bytes. Returns the values
@@ -130,4 +130,4 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
 }
 
 }  // namespace
-}  // namespace softhand::bus
+}  // namespace softhand::bus::bus_cyclone_test

@@ -9,7 +9,7 @@
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
 
-namespace softhand::bus {
+namespace softhand::bus::bus_test {
 namespace {
 
 TEST(Bus, EveryTopicCarriesEveryField) {
@@ -237,4 +237,4 @@ TEST(Bus, OnOneHostNoClocksAreExchanged) {
 }
 
 }  // namespace
-}  // namespace softhand::bus
+}  // namespace softhand::bus::bus_test

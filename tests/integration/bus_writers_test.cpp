@@ -6,7 +6,7 @@
 #include "bus/bus.hpp"
 #include "integration/bus_harness.hpp"
 
-namespace softhand::bus {
+namespace softhand::bus::bus_writers_test {
 namespace {
 
 TEST(Bus, StrongerTrackerOwnsUntilItDies) {
@@ -170,4 +170,4 @@ TEST(Bus, EveryStateTopicHasOneWriter) {
 }
 
 }  // namespace
-}  // namespace softhand::bus
+}  // namespace softhand::bus::bus_writers_test

@@ -16,7 +16,7 @@
 #include "support/moving_hand.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::calibration_process_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -166,4 +166,4 @@ TEST_F(CalibrationProcess, WithoutAHandItSaysSo) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::calibration_process_test

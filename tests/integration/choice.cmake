@@ -2,11 +2,10 @@
 if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug" OR NOT TARGET softhand-tracker-webxr)
   return()
 endif()
-add_executable(test_choice ${CMAKE_CURRENT_LIST_DIR}/choice_test.cpp ${CMAKE_CURRENT_LIST_DIR}/rig_harness.cpp)
-target_include_directories(test_choice PRIVATE ${PROJECT_SOURCE_DIR}/tests)
-target_link_libraries(test_choice PRIVATE softhand_options softhand_bus softhand_runtime GTest::gtest GTest::gtest_main)
-target_compile_definitions(test_choice PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
-  SOFTHAND_PROGRAMS="${PROJECT_BINARY_DIR}/bin")
+add_executable(test_choice ${CMAKE_CURRENT_LIST_DIR}/choice_test.cpp)
+target_link_libraries(test_choice PRIVATE softhand_options softhand_rig_harness softhand_runtime GTest::gtest
+  GTest::gtest_main)
+target_compile_definitions(test_choice PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
 add_dependencies(test_choice softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay
   softhand-tracker-webxr softhand-tracker-landmarks
   softhand-haptic-log softhand-tactile-log)

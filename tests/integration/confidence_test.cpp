@@ -9,7 +9,7 @@
 #include "messages/convert.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
-namespace softhand {
+namespace softhand::confidence_test {
 namespace {
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
@@ -114,4 +114,4 @@ TEST(Confidence, AHandThatIsGuessedKeepsTheCube) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::confidence_test

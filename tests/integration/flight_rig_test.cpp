@@ -12,7 +12,7 @@
 #include "integration/rig_harness.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::flight_rig_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -104,4 +104,4 @@ TEST(FlightRig, RefusesAFileThatIsNoFlight) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::flight_rig_test

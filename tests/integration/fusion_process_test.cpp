@@ -6,7 +6,7 @@
 #include "support/split_hand.hpp"
 #include "support/tracker_process.hpp"
 
-namespace softhand {
+namespace softhand::fusion_process_test {
 namespace {
 
 using testing::at;
@@ -117,4 +117,4 @@ TEST_F(FusionProcess, RefusesItsOwnHandAsASource) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::fusion_process_test

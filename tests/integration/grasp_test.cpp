@@ -19,7 +19,7 @@
 #include "support/moving_hand.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
-namespace softhand {
+namespace softhand::grasp_test {
 namespace {
 
 const std::string kScenes = std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/";
@@ -515,4 +515,4 @@ TEST(Grasp, HeldCubeSurvivesTwentySwapsOfTrackers) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::grasp_test

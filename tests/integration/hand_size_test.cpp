@@ -7,7 +7,7 @@
 #include "integration/rig_harness.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::hand_size_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -39,4 +39,4 @@ TEST(AutoHand, FixedSizeIsUsedAndHasAWorkBudget) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::hand_size_test

@@ -15,7 +15,7 @@
 #include "support/skeleton.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
-namespace softhand {
+namespace softhand::joints_test {
 namespace {
 
 const std::string kScene = std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch_lift.toml";
@@ -359,4 +359,4 @@ TEST(Joints, EqualRunsGiveEqualBits) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::joints_test

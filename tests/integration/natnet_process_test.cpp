@@ -12,7 +12,7 @@
 #include "support/tracker_process.hpp"
 #include "trackers/natnet/simulated_motive.hpp"
 
-namespace softhand {
+namespace softhand::natnet_process_test {
 namespace {
 
 // Motive in the test's own hands.
@@ -156,4 +156,4 @@ TEST_F(NatNetProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::natnet_process_test

@@ -10,7 +10,7 @@
 #include "cli/virtual_rig.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
-namespace softhand {
+namespace softhand::object_scenes_test {
 namespace {
 
 /// Where the hand starts, and by how much it misses the place for which its motion was made (docs/objects.md).
@@ -101,4 +101,4 @@ INSTANTIATE_TEST_SUITE_P(Shipped, ObjectScenes, ::testing::ValuesIn(plays()), []
 });
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::object_scenes_test

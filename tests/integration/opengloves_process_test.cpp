@@ -14,7 +14,7 @@
 #include "support/hung_loop.hpp"
 #include "support/tracker_process.hpp"
 
-namespace softhand {
+namespace softhand::opengloves_process_test {
 namespace {
 
 // The glove's end of the wire.
@@ -266,4 +266,4 @@ TEST_F(OpenGlovesProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::opengloves_process_test

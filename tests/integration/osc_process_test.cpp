@@ -11,7 +11,7 @@
 #include "support/tracker_process.hpp"
 #include "trackers/osc/simulated_performer.hpp"
 
-namespace softhand {
+namespace softhand::osc_process_test {
 namespace {
 
 class OscProcess : public ::testing::Test {
@@ -89,4 +89,4 @@ TEST_F(OscProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::osc_process_test

@@ -14,7 +14,7 @@
 #include "service/time_control.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::pace_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -245,4 +245,4 @@ TEST_F(Pace, AMotionBeginsAtTheTimeOfTheResetAlsoWhenTheMessageIsLate) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::pace_test

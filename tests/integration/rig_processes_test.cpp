@@ -15,7 +15,7 @@
 #include "integration/rig_fixture.hpp"
 #include "runtime/exit_codes.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::rig_processes_test {
 namespace {
 
 // Sets the folder of the lock of the programs that are started later.
@@ -254,4 +254,4 @@ TEST_F(Rig, TwoThreadsOfTheHandBindOnlyThemselvesToCores) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::rig_processes_test

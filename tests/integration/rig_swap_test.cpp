@@ -13,7 +13,7 @@
 #include "integration/rig_fixture.hpp"
 #include "runtime/clock.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::rig_swap_test {
 namespace {
 
 std::vector<std::string> as_arguments(const std::vector<std::string>& settings) {
@@ -181,4 +181,4 @@ TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::rig_swap_test

@@ -15,7 +15,7 @@
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::rig_test {
 namespace {
 
 constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers stay on a fixed post
@@ -343,4 +343,4 @@ TEST_F(Rig, SendsSurfacesOnlyWhileSomebodyReadsThem) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::rig_test

@@ -6,7 +6,7 @@
 #include "support/force_packets.hpp"
 #include "support/tracker_process.hpp"
 
-namespace softhand {
+namespace softhand::sample_glove_test {
 namespace {
 
 std::string text_of(const std::string& path) {
@@ -64,4 +64,4 @@ TEST(SampleGlove, ForcesReachTheGloveAndEveryEndIsZero) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::sample_glove_test

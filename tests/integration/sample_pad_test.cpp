@@ -7,7 +7,7 @@
 #include "support/force_packets.hpp"
 #include "support/press.hpp"
 
-namespace softhand {
+namespace softhand::sample_pad_test {
 namespace {
 
 std::string text_of(const std::string& path) {
@@ -53,4 +53,4 @@ TEST_F(SamplePadProcess, PinsPressAndShearAndEveryEndIsZero) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::sample_pad_test

@@ -10,7 +10,7 @@
 #include "runtime/clock.hpp"
 #include "support/tracker_process.hpp"
 
-namespace softhand {
+namespace softhand::sample_tracker_test {
 namespace {
 
 std::string text_of(const std::string& path) {
@@ -67,4 +67,4 @@ TEST(SampleTracker, FollowsItsSimulatorThroughAPowerCycle) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::sample_tracker_test

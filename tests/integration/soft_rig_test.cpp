@@ -14,7 +14,7 @@
 #include "runtime/object_store.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::soft_rig_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -114,4 +114,4 @@ TEST_F(SoftRig, ABallIsSqueezedAgainAfterItsHandAndItsWorldWereKilled) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::soft_rig_test

@@ -12,7 +12,7 @@
 #include "support/tracker_process.hpp"
 #include "trackers/streamer/simulated_streamer.hpp"
 
-namespace softhand {
+namespace softhand::streamer_process_test {
 namespace {
 
 class StreamerProcess : public ::testing::Test {
@@ -125,4 +125,4 @@ TEST_F(StreamerProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::streamer_process_test

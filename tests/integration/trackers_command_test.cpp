@@ -5,7 +5,7 @@
 #include "device/health.hpp"
 #include "support/tracker_process.hpp"
 
-namespace softhand {
+namespace softhand::trackers_command_test {
 namespace {
 
 // Output and exit code of `softhand trackers ARGUMENTS`.
@@ -87,4 +87,4 @@ TEST_F(Trackers, AHealthyTrackerOwnsBeforeAStrongerOneThatIsNot) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::trackers_command_test

@@ -14,7 +14,7 @@
 #include "runtime/clock.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand::rig {
+namespace softhand::rig::two_hands_rig_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -133,4 +133,4 @@ TEST_F(TwoHandsRig, KillingAHandAndTheWorldLosesNothing) {
 }
 
 }  // namespace
-}  // namespace softhand::rig
+}  // namespace softhand::rig::two_hands_rig_test

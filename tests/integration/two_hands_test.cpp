@@ -15,7 +15,7 @@
 #include "scene_file.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
-namespace softhand {
+namespace softhand::two_hands_test {
 namespace {
 
 nlohmann::json simulate(const std::string& scene, std::vector<std::string> overrides = {},
@@ -170,4 +170,4 @@ TEST(TwoHands, RefusesBadTablesOfHands) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::two_hands_test

@@ -11,7 +11,7 @@
 #include "support/tracker_process.hpp"
 #include "trackers/vrpn/simulated_vrpn.hpp"
 
-namespace softhand {
+namespace softhand::vrpn_process_test {
 namespace {
 
 class VrpnProcess : public ::testing::Test {
@@ -120,4 +120,4 @@ TEST_F(VrpnProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::vrpn_process_test

@@ -8,7 +8,7 @@
 #include "support/press.hpp"
 #include "tactile/weart/simulated_touchdiver.hpp"
 
-namespace softhand {
+namespace softhand::weart_process_test {
 namespace {
 
 using Effects = std::map<std::string, std::string>;
@@ -156,4 +156,4 @@ TEST_F(WeartProcess, LatencyAdded) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::weart_process_test

@@ -5,7 +5,7 @@
 
 #include <limits>
 
-namespace softhand {
+namespace softhand::age_test {
 namespace {
 
 constexpr Nanoseconds kNow = 1'000'000'000'000;
@@ -52,4 +52,4 @@ TEST(Age, AStampIsUsableOnlyOnTheClockOfThisHost) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::age_test

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+namespace arrows_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -189,3 +190,4 @@ TEST(Arrows, CgalStaysInTwoFilesOfTheOfflineTools) {
 }
 
 }  // namespace
+}  // namespace arrows_test

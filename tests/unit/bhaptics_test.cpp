@@ -6,7 +6,7 @@
 #include "support/count_allocations.hpp"
 #include "tactile/bhaptics/player_messages.hpp"
 
-namespace softhand {
+namespace softhand::bhaptics_test {
 namespace {
 
 const std::string kReport =
@@ -69,4 +69,4 @@ TEST(PlayerFrame, HasTheMotorsThatVibrate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::bhaptics_test

@@ -16,7 +16,7 @@
 #include "support/count_allocations.hpp"
 #include "support/hand_matrix.hpp"
 
-namespace softhand {
+namespace softhand::block_cholesky_test {
 namespace {
 
 using testing::Random;
@@ -304,4 +304,4 @@ TYPED_TEST(BlockCholeskyTest, RepeatsTheSameBitsWithoutAllocationAfterAnalysis) 
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::block_cholesky_test

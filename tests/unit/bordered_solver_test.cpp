@@ -9,7 +9,7 @@
 #include "solver/cholmod_solver.hpp"
 #include "support/box_mesh.hpp"
 
-namespace softhand {
+namespace softhand::bordered_solver_test {
 namespace {
 
 using testing::Random;
@@ -140,4 +140,4 @@ TEST(BorderedSolver, RefusesAMatrixThatIsNotPositiveDefinite) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::bordered_solver_test

@@ -16,7 +16,7 @@
 #include "support/calibrating_person.hpp"
 #include "support/moving_hand.hpp"
 
-namespace softhand {
+namespace softhand::calibration_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -292,4 +292,4 @@ TEST_F(CalibratedScene, HasTheUsersHandInARigOnly) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::calibration_test

@@ -20,7 +20,7 @@
 #include "runtime/config.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand {
+namespace softhand::cli_files_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -396,4 +396,4 @@ TEST(IdlText, DeclaresTheTypeAndTheTypesItNeeds) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_files_test

@@ -5,7 +5,7 @@
 
 #include "cli/module_table.hpp"
 
-namespace softhand {
+namespace softhand::cli_modules_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -62,4 +62,4 @@ TEST(ModuleTable, ANewModuleTakesThePlaceOfTheOneThatWasSilentForTheLongestTime)
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_modules_test

@@ -12,7 +12,7 @@
 #include "messages/convert.hpp"
 #include "support/soft_bodies.hpp"
 
-namespace softhand {
+namespace softhand::cli_outcome_test {
 namespace {
 
 using Json = nlohmann::ordered_json;
@@ -738,4 +738,4 @@ TEST(Outcome, TheSuccessOfAPartIsJoined) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_outcome_test

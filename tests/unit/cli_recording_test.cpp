@@ -13,7 +13,7 @@
 #include "runtime/clock.hpp"
 #include "support/own_domain.hpp"
 
-namespace softhand {
+namespace softhand::cli_recording_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -173,4 +173,4 @@ TEST_F(RecordingTest, AChannelOfAnotherTypeIsRefused) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_recording_test

@@ -10,7 +10,7 @@
 
 #include "cli/rig_lock.hpp"
 
-namespace softhand {
+namespace softhand::cli_rig_lock_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -71,4 +71,4 @@ TEST_F(Lock, ThisProcessHasANameAHostAndANumber) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_rig_lock_test

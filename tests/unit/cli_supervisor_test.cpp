@@ -15,7 +15,7 @@
 #include "cli/supervisor.hpp"
 #include "runtime/signals.hpp"
 
-namespace softhand {
+namespace softhand::cli_supervisor_test {
 namespace {
 
 using std::chrono::milliseconds;
@@ -406,4 +406,4 @@ INSTANTIATE_TEST_SUITE_P(Supervisor, HelpersOfAKilledSupervisor,
                                            "trap '' TERM; setsid sleep 600 & echo $!; sleep 600; sleep 600"));
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_supervisor_test

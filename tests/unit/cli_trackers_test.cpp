@@ -4,7 +4,7 @@
 #include "cli/tracker_table.hpp"
 #include "messages/convert.hpp"
 
-namespace softhand {
+namespace softhand::cli_trackers_test {
 namespace {
 
 constexpr Nanoseconds kSecond = 1'000'000'000, kStart = 1000 * kSecond;
@@ -83,4 +83,4 @@ TEST(TrackerTable, AHealthyTrackerIsStrongerThanAllOthers) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::cli_trackers_test

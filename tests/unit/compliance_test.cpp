@@ -11,7 +11,7 @@
 #include "solver/block_cholesky.hpp"
 #include "solver/dense_cholesky.hpp"
 
-namespace softhand {
+namespace softhand::compliance_test {
 namespace {
 
 BlockMatrix random_matrix(int blocks, std::mt19937& random) {
@@ -137,4 +137,4 @@ TEST(DenseCholesky, SolvesAtEverySize) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::compliance_test

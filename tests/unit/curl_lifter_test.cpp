@@ -9,7 +9,7 @@
 #include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::curl_lifter_test {
 namespace {
 
 std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
@@ -108,4 +108,4 @@ TEST(CurlLifter, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::curl_lifter_test

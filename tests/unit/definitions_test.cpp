@@ -13,6 +13,7 @@
 #include <string>
 #include <vector>
 
+namespace definitions_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -106,3 +107,4 @@ TEST(Definitions, NoTypeIsDefinedInTwoFiles) {
 }
 
 }  // namespace
+}  // namespace definitions_test

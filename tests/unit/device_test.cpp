@@ -17,7 +17,7 @@
 #include "support/press.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 
-namespace softhand {
+namespace softhand::device_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -395,4 +395,4 @@ TEST(TactileLog, EventsBeginAndEnd) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::device_test

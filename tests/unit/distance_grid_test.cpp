@@ -12,6 +12,7 @@
 #include "support/meshes.hpp"
 #include "support/shapes.hpp"
 
+namespace distance_grid_test {
 namespace {
 
 using namespace softhand;
@@ -357,3 +358,4 @@ TEST(DistanceGrid, QueriesDoNotAllocate) {
 }
 
 }  // namespace
+}  // namespace distance_grid_test

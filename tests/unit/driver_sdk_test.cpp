@@ -25,7 +25,7 @@
 #include "scene_file.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::driver_sdk_test {
 namespace {
 
 using namespace std::chrono_literals;
@@ -589,4 +589,4 @@ TEST(Intake, TakingDoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::driver_sdk_test

@@ -12,7 +12,7 @@
 #include "support/count_allocations.hpp"
 #include "support/split_hand.hpp"
 
-namespace softhand {
+namespace softhand::fusion_test {
 namespace {
 
 using testing::at;
@@ -492,4 +492,4 @@ TEST(FusionOptions, NameTheSourcesOfEachPart) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::fusion_test

@@ -6,7 +6,7 @@
 #include "messages/convert.hpp"
 #include "unit/opposing_hand.hpp"
 
-namespace softhand {
+namespace softhand::generator_test {
 namespace {
 
 using testing::at;
@@ -144,4 +144,4 @@ TEST(Generator, RefusesObjectsThatTheHandCannotSpan) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::generator_test

@@ -11,7 +11,7 @@
 #include "geometry/point_groups.hpp"
 #include "geometry/shape.hpp"
 
-namespace softhand {
+namespace softhand::geometry_test {
 namespace {
 
 Shape make(ShapeKind kind, Vec3 size = {}) {
@@ -428,4 +428,4 @@ TEST(PointGroups, FindsEveryNodeInReach) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::geometry_test

@@ -5,6 +5,7 @@
 #include "support/meshes.hpp"
 #include "support/shapes.hpp"
 
+namespace grid_contact_test {
 namespace {
 
 using namespace softhand;
@@ -69,3 +70,4 @@ TEST(GridContact, SphereAsAGridIsFeltAsTheSphere) {
 }
 
 }  // namespace
+}  // namespace grid_contact_test

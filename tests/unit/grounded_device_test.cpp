@@ -10,7 +10,7 @@
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
 
-namespace softhand {
+namespace softhand::grounded_device_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000, kStart = 5'000'000'000;
@@ -258,4 +258,4 @@ TEST(DeviceMotion, UsesMeasuredVelocities) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::grounded_device_test

@@ -10,7 +10,7 @@
 #include "support/shapes.hpp"
 #include "support/skeleton.hpp"
 
-namespace softhand {
+namespace softhand::hand_joint_test {
 namespace {
 
 constexpr Nanoseconds kSecond = 1'000'000'000;
@@ -155,4 +155,4 @@ TEST(HandJoints, RefusesJointsThatCannotRunAndKeepsTheOldOne) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::hand_joint_test

@@ -14,7 +14,7 @@
 #include "support/count_allocations.hpp"
 #include "unit/hand_loop_rig.hpp"
 
-namespace softhand {
+namespace softhand::hand_loop_objects_test {
 namespace {
 
 using testing::come_near_a_cube;
@@ -535,4 +535,4 @@ TEST(HandLoop, RefusesAbsurdContactsOfAnotherHand) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::hand_loop_objects_test

@@ -12,7 +12,7 @@
 #include "support/soft_bodies.hpp"
 #include "unit/hand_loop_rig.hpp"
 
-namespace softhand {
+namespace softhand::hand_loop_test {
 namespace {
 
 using testing::come_near_a_cube;
@@ -420,4 +420,4 @@ TEST(HandLoop, OmittedOutputsAndUntouchedObjectsChangeNoBit) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::hand_loop_test

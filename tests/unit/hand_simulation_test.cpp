@@ -21,7 +21,7 @@
 #include "support/shapes.hpp"
 #include "unit/hand_simulation_rig.hpp"
 
-namespace softhand {
+namespace softhand::hand_simulation_test {
 namespace {
 
 using testing::cube_shape;
@@ -497,4 +497,4 @@ TEST(HandSimulation, ObjectThatIsGivenBackIsNotSweptThroughTheHand) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::hand_simulation_test

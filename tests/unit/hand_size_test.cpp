@@ -10,7 +10,7 @@
 #include "scene_file.hpp"
 #include "support/block_hand.hpp"
 
-namespace softhand {
+namespace softhand::hand_size_test {
 namespace {
 
 HandSizeChoice choose(const std::vector<double>& fast_steps, double budget, std::size_t* measured = nullptr) {
@@ -156,4 +156,4 @@ TEST(HandSize, LoadsTheStandInHandIfTheSizeIsChosenAtStart) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::hand_size_test

@@ -6,7 +6,7 @@
 #include "haptics/haply/haply_messages.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::haply_test {
 namespace {
 
 // With the members that a service of version 3.5 sends first.
@@ -121,4 +121,4 @@ TEST(HaplyCommand, WritesBothKeysInTheAxesOfTheService) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::haply_test

@@ -13,7 +13,7 @@
 #include "support/cores.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::helper_thread_test {
 namespace {
 
 TEST(HelperThread, BothHalvesAreDoneOnceAndSeenByTheCaller) {
@@ -117,4 +117,4 @@ TEST(HelperThread, AnotherProcessSeesTheClaimOfACore) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::helper_thread_test

@@ -8,7 +8,7 @@
 #include "support/shapes.hpp"
 #include "unit/hand_simulation_rig.hpp"
 
-namespace softhand {
+namespace softhand::idle_hand_test {
 namespace {
 
 using testing::cube_shape;
@@ -145,4 +145,4 @@ TEST(HandSimulation, StepWithContactIsNotAChordStep) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::idle_hand_test

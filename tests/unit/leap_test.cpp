@@ -19,7 +19,7 @@
 #include "trackers/leap/leapc_service.hpp"
 #include "trackers/leap/simulated_leap.hpp"
 
-namespace softhand {
+namespace softhand::leap_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -338,4 +338,4 @@ TEST_F(Leap, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::leap_test

@@ -9,7 +9,7 @@
 #include "math/rotation.hpp"
 #include "support/box_mesh.hpp"
 
-namespace softhand {
+namespace softhand::linkage_test {
 namespace {
 
 constexpr int kNodes = 5;
@@ -277,4 +277,4 @@ TEST(Linkage, MovesTouchingBodiesAndTheirParentsStraight) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::linkage_test

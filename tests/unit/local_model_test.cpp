@@ -12,7 +12,7 @@
 #include "messages/convert.hpp"
 #include "support/count_allocations.hpp"
 
-namespace softhand {
+namespace softhand::local_model_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000, kStart = 5'000'000'000;
@@ -481,4 +481,4 @@ TEST(BoneContacts, MakeOnePlanePerBone) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::local_model_test

@@ -7,7 +7,7 @@
 
 #include "solver/block_cholesky.hpp"
 
-namespace softhand {
+namespace softhand::local_newton_test {
 namespace {
 
 // A quadratic term 1/2 k |x_a - x_b|^2 between two nodes, or between a node and the origin.
@@ -322,4 +322,4 @@ TEST(LocalNewton, CondensesWithoutContact) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::local_newton_test

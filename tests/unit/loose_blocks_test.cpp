@@ -6,7 +6,7 @@
 #include "solver/loose_solve.hpp"
 #include "support/box_mesh.hpp"
 
-namespace softhand {
+namespace softhand::loose_blocks_test {
 namespace {
 
 BlockPattern chain(int blocks, int loose, int border = 0) {
@@ -109,4 +109,4 @@ TEST(LooseBlocks, SolveTakesThemIntoAccount) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::loose_blocks_test

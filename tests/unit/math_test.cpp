@@ -10,7 +10,7 @@
 #include "math/block_matrix.hpp"
 #include "math/rotation.hpp"
 
-namespace softhand {
+namespace softhand::math_test {
 namespace {
 
 // Deterministic directions: three along axes and ten pseudo-random ones.
@@ -235,4 +235,4 @@ TEST(BlockMatrix, ReportsTheChangeSinceTakeBack) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::math_test

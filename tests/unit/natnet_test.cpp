@@ -20,7 +20,7 @@
 #include "trackers/natnet/motive.hpp"
 #include "trackers/natnet/simulated_motive.hpp"
 
-namespace softhand {
+namespace softhand::natnet_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -665,4 +665,4 @@ TEST_F(Motive, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::natnet_test

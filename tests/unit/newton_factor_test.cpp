@@ -13,7 +13,7 @@
 #include "solver/newton_solver.hpp"
 #include "support/brick.hpp"
 
-namespace softhand {
+namespace softhand::newton_factor_test {
 namespace {
 
 using testing::Anchors;
@@ -533,4 +533,4 @@ TEST(NewtonSolver, ReusesNoFactorWithFewIterations) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::newton_factor_test

@@ -12,7 +12,7 @@
 #include "scene_file.hpp"
 #include "world/world_loop.hpp"
 
-namespace softhand {
+namespace softhand::object_scene_test {
 namespace {
 
 namespace fs = std::filesystem;
@@ -246,4 +246,4 @@ TEST_F(ObjectScene, AWrongHashIsRefusedAndNamedOnce) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::object_scene_test

@@ -12,7 +12,7 @@
 #include "support/count_allocations.hpp"
 #include "support/counters.hpp"
 
-namespace softhand {
+namespace softhand::opengloves_test {
 namespace {
 
 constexpr std::int64_t kMaximum = 4095;
@@ -185,4 +185,4 @@ TEST(ForceLine, ScalesAndClamps) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::opengloves_test

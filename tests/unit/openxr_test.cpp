@@ -12,7 +12,7 @@
 #include "support/tracker_sink.hpp"
 #include "trackers/openxr/openxr_hands.hpp"
 
-namespace softhand {
+namespace softhand::openxr_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -144,4 +144,4 @@ TEST_F(OpenXr, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::openxr_test

@@ -17,7 +17,7 @@
 #include "trackers/osc/performer.hpp"
 #include "trackers/osc/simulated_performer.hpp"
 
-namespace softhand {
+namespace softhand::osc_test {
 namespace {
 
 using testing::Deviations;
@@ -240,4 +240,4 @@ TEST_F(Osc, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::osc_test

@@ -12,7 +12,7 @@
 #include "support/shapes.hpp"
 #include "world/solid.hpp"
 
-namespace softhand {
+namespace softhand::physics_engine_test {
 namespace {
 
 /// Slot 0 is a table, slot 1 a box on the table, slot 2 a second box on the first. Half of a box's edge is 20 mm, its
@@ -142,4 +142,4 @@ TEST(SeparatingPlane, SeparatesAsWellAsAKnownPlaneInThousandsOfPoses) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::physics_engine_test

@@ -7,7 +7,7 @@
 
 #include "unit/opposing_hand.hpp"
 
-namespace softhand {
+namespace softhand::posture_solver_test {
 namespace {
 
 using testing::at;
@@ -86,4 +86,4 @@ TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::posture_solver_test

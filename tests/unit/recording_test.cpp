@@ -14,7 +14,7 @@
 #include "trackers/replay/replay_tracker.hpp"
 #include "unit/opposing_hand.hpp"
 
-namespace softhand {
+namespace softhand::recording_test {
 namespace {
 
 using testing::at;
@@ -108,4 +108,4 @@ TEST(Recording, TheTrackerPlaysEveryFrameAtItsOwnTime) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::recording_test

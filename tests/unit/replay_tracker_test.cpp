@@ -8,7 +8,7 @@
 #include "messages/convert.hpp"
 #include "unit/opposing_hand.hpp"
 
-namespace softhand {
+namespace softhand::replay_tracker_test {
 namespace {
 
 using testing::at;
@@ -132,4 +132,4 @@ TEST(ReplayTracker, PlaysDropoutsAndDuplicatesAndHoldsTheLastPose) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::replay_tracker_test

@@ -9,7 +9,7 @@
 
 #include "runtime/clock_offset.hpp"
 
-namespace softhand {
+namespace softhand::runtime_clock_offset_test {
 namespace {
 
 constexpr double kHour = 3600;
@@ -153,4 +153,4 @@ TEST(ClockOffset, AnyStampIsSafe) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::runtime_clock_offset_test

@@ -5,7 +5,7 @@
 #include "runtime/config.hpp"
 #include "runtime/config_json.hpp"
 
-namespace softhand {
+namespace softhand::runtime_config_test {
 namespace {
 
 struct ObjectSample {
@@ -215,4 +215,4 @@ TEST(Json, HoldsEffectiveValuesInOrder) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::runtime_config_test

@@ -20,7 +20,7 @@
 #include "runtime/simulated_clock.hpp"
 #include "runtime/statistics.hpp"
 
-namespace softhand {
+namespace softhand::runtime_loop_test {
 namespace {
 
 TEST(RollingHistogram, QuantilesAgreeWithSorting) {
@@ -409,4 +409,4 @@ TEST(Scheduling, ThreadsAreFavouredUntilTheLoopIsRealTime) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::runtime_loop_test

@@ -10,7 +10,7 @@
 #include "runtime/sha256.hpp"
 #include "runtime/signals.hpp"
 
-namespace softhand {
+namespace softhand::runtime_process_test {
 namespace {
 
 std::span<const std::byte> bytes(std::string_view text) { return std::as_bytes(std::span(text.data(), text.size())); }
@@ -108,4 +108,4 @@ TEST(Sha256, KnownAnswersOfFips180) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::runtime_process_test

@@ -11,7 +11,7 @@
 
 #include "runtime/record_file.hpp"
 
-namespace softhand {
+namespace softhand::runtime_record_test {
 namespace {
 
 std::span<const std::byte> bytes(std::string_view text) { return std::as_bytes(std::span(text.data(), text.size())); }
@@ -167,4 +167,4 @@ TEST_F(RecordFile, RefusesUnknownChannels) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::runtime_record_test

@@ -7,7 +7,7 @@
 #include "trackers/replay/posture_solver.hpp"
 #include "unit/opposing_hand.hpp"
 
-namespace softhand {
+namespace softhand::shipped_grip_test {
 namespace {
 
 using testing::at;
@@ -277,4 +277,4 @@ TEST(Generator, RefusesAPinchThatDoesNotGripAndNamesWhatIsMissing) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::shipped_grip_test

@@ -9,7 +9,7 @@
 #include "support/count_allocations.hpp"
 #include "trackers/replay/generator.hpp"
 
-namespace softhand {
+namespace softhand::skin_simulation_test {
 namespace {
 
 constexpr double kStep = 1.0 / 90;
@@ -178,4 +178,4 @@ TEST(SkinOfAHand, ForcesSumToZeroAndTheLedgerCloses) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skin_simulation_test

@@ -13,7 +13,7 @@
 #include "trackers/replay/generator.hpp"
 #include "unit/hand_simulation_rig.hpp"
 
-namespace softhand {
+namespace softhand::skin_traction_test {
 namespace {
 
 using testing::kStep;
@@ -303,4 +303,4 @@ TEST(SkinTraction, DoesNotAllocateAndRefusesTheMemoryOfAnotherHand) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::skin_traction_test

@@ -11,7 +11,7 @@
 #include "support/soft_bodies.hpp"
 #include "unit/hand_simulation_rig.hpp"
 
-namespace softhand {
+namespace softhand::soft_object_test {
 namespace {
 
 using namespace testing;
@@ -400,4 +400,4 @@ TEST(SoftObject, StepsDoNotAllocate) {
 #endif
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::soft_object_test

@@ -18,7 +18,7 @@
 #include "support/count_allocations.hpp"
 #include "support/node_contact.hpp"
 
-namespace softhand {
+namespace softhand::solver_test {
 namespace {
 
 using testing::Anchors;
@@ -666,4 +666,4 @@ TEST(NewtonSolver, SlenderBarStretchesAndBends) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::solver_test

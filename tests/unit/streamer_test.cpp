@@ -18,7 +18,7 @@
 #include "support/moving_hand.hpp"
 #include "trackers/streamer/simulated_streamer.hpp"
 
-namespace softhand {
+namespace softhand::streamer_test {
 namespace {
 
 using testing::Deviations;
@@ -286,4 +286,4 @@ TEST_F(Streamer, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::streamer_test

@@ -10,7 +10,7 @@
 #include "support/count_allocations.hpp"
 #include "support/press.hpp"
 
-namespace softhand {
+namespace softhand::taxel_map_test {
 namespace {
 
 const HandModel& right() {
@@ -194,4 +194,4 @@ TEST(TaxelMap, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::taxel_map_test

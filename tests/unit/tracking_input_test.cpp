@@ -13,7 +13,7 @@
 #include "messages/convert.hpp"
 #include "unit/tracking_rig.hpp"
 
-namespace softhand {
+namespace softhand::tracking_input_test {
 namespace {
 
 using namespace testing::tracking;
@@ -489,4 +489,4 @@ TEST(Tracking, AHeadPoseFromTheFutureIsRefused) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::tracking_input_test

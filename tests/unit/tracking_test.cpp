@@ -10,7 +10,7 @@
 #include "messages/convert.hpp"
 #include "unit/tracking_rig.hpp"
 
-namespace softhand {
+namespace softhand::tracking_test {
 namespace {
 
 using namespace testing::tracking;
@@ -386,4 +386,4 @@ TEST(Tracking, EveryMessageIsAnswered) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::tracking_test

@@ -10,7 +10,7 @@
 #include "support/count_allocations.hpp"
 #include "support/shapes.hpp"
 
-namespace softhand {
+namespace softhand::two_hands_test {
 namespace {
 
 using testing::PalmToPalm;
@@ -255,4 +255,4 @@ TEST(TwoHandsInOneSimulation, HandsThatStartInsideEachOtherComeApart) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::two_hands_test

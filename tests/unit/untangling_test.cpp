@@ -13,7 +13,7 @@
 #include "support/shapes.hpp"
 #include "unit/hand_simulation_rig.hpp"
 
-namespace softhand {
+namespace softhand::untangling_test {
 namespace {
 
 using testing::hand;
@@ -278,4 +278,4 @@ TEST(HandSimulation, SkinHookedBehindAPlateRecovers) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::untangling_test

@@ -13,7 +13,7 @@
 #include "trackers/vrpn/simulated_vrpn.hpp"
 #include "trackers/vrpn/vrpn_server.hpp"
 
-namespace softhand {
+namespace softhand::vrpn_test {
 namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
@@ -203,4 +203,4 @@ TEST_F(Vrpn, DoesNotAllocate) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::vrpn_test

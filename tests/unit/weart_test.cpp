@@ -6,7 +6,7 @@
 #include "support/count_allocations.hpp"
 #include "tactile/weart/weart_messages.hpp"
 
-namespace softhand {
+namespace softhand::weart_test {
 namespace {
 
 const std::string kTracking = "Tracking:TrackType1:255:51:0:102:0:0:255:204";
@@ -139,4 +139,4 @@ TEST(WeartCommand, SetsAndStopsEffects) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::weart_test

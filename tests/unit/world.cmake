@@ -1,7 +1,4 @@
-softhand_test(world ${CMAKE_CURRENT_LIST_DIR}/world_test.cpp LINK softhand_world)
-softhand_test(world_joint ${CMAKE_CURRENT_LIST_DIR}/world_joint_test.cpp LINK softhand_world)
-softhand_test(world_coupling ${CMAKE_CURRENT_LIST_DIR}/world_coupling_test.cpp
-  ${CMAKE_CURRENT_LIST_DIR}/world_owner_test.cpp LINK softhand_world)
-softhand_test(physics_engine ${CMAKE_CURRENT_LIST_DIR}/physics_engine_test.cpp LINK softhand_world)
-softhand_test(world_descriptions ${CMAKE_CURRENT_LIST_DIR}/world_descriptions_test.cpp LINK softhand_world
-  softhand_runtime)
+softhand_test(world ${CMAKE_CURRENT_LIST_DIR}/world_test.cpp ${CMAKE_CURRENT_LIST_DIR}/world_joint_test.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/world_coupling_test.cpp ${CMAKE_CURRENT_LIST_DIR}/world_owner_test.cpp
+  ${CMAKE_CURRENT_LIST_DIR}/physics_engine_test.cpp ${CMAKE_CURRENT_LIST_DIR}/world_descriptions_test.cpp LINK
+  softhand_world softhand_runtime)

@@ -15,7 +15,7 @@
 #include "unit/world_twin.hpp"
 #include "world/world_loop.hpp"
 
-namespace softhand {
+namespace softhand::world_coupling_test {
 namespace {
 
 using test::cube;
@@ -485,4 +485,4 @@ TEST(WorldCoupling, SymmetricModeHoldsABoxAgainstGravityThroughTheSpring) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::world_coupling_test

@@ -12,7 +12,7 @@
 #include "world/description_changes.hpp"
 #include "world_objects.hpp"
 
-namespace softhand {
+namespace softhand::world_descriptions_test {
 namespace {
 
 using test::cube;
@@ -125,4 +125,4 @@ TEST_F(WorldDescriptions, TheLoopDoesNotWaitForTheWriterAndLosesNoChange) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::world_descriptions_test

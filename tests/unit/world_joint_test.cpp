@@ -14,7 +14,7 @@
 #include "unit/world_objects.hpp"
 #include "world/world_loop.hpp"
 
-namespace softhand {
+namespace softhand::world_joint_test {
 namespace {
 
 using test::cube;
@@ -509,4 +509,4 @@ TEST(WorldJoint, NamesSetsOfObjectsThatAHandCanNeverTake) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::world_joint_test

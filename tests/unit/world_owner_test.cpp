@@ -12,7 +12,7 @@
 #include "unit/world_objects.hpp"
 #include "world/world_loop.hpp"
 
-namespace softhand {
+namespace softhand::world_owner_test {
 namespace {
 
 using test::cube;
@@ -266,4 +266,4 @@ TEST(WorldCoupling, SecondHandTakesOverWhenTheOwnerVanishes) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::world_owner_test

@@ -15,7 +15,7 @@
 #include "world/follow.hpp"
 #include "world/world_loop.hpp"
 
-namespace softhand {
+namespace softhand::world_test {
 namespace {
 
 using test::cube;
@@ -368,4 +368,4 @@ TEST(NewestCouplings, ANewHandTakesThePlaceOfTheOneHeardLongestAgo) {
 }
 
 }  // namespace
-}  // namespace softhand
+}  // namespace softhand::world_test

@@ -1,6 +1,0 @@
-# Articulated objects and a hand, through all loops on the virtual clock. With a sanitizer or without optimisation they
-# would take hours.
-if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
-  return()
-endif()
-softhand_test(joints ${CMAKE_CURRENT_LIST_DIR}/joints_test.cpp LINK softhand_virtual_rig)

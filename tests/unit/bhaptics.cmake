@@ -1,1 +1,0 @@
-softhand_test(bhaptics ${CMAKE_CURRENT_LIST_DIR}/bhaptics_test.cpp LINK softhand_tactile_bhaptics)

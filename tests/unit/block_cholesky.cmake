@@ -1,2 +1,0 @@
-softhand_test(block_cholesky ${CMAKE_CURRENT_LIST_DIR}/block_cholesky_test.cpp LINK softhand_cholmod_solver
-  softhand_solver softhand_energies softhand_model)
