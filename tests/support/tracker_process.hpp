@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/prctl.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -35,6 +36,7 @@ class Process {
     argv.push_back(nullptr);
     process_ = fork();
     if (process_ == 0) {
+      prctl(PR_SET_PDEATHSIG, SIGKILL);  // a real-time process that outlives a killed test disturbs all others
       if (reads_line) dup2(ends[1], 1);
       execv(path.c_str(), const_cast<char**>(argv.data()));
       _exit(127);
