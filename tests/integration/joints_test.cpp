@@ -1,5 +1,5 @@
-// A hand and articulated objects, through all loops on the virtual clock: a drawer that is pulled to its limit, a lid
-// that is opened, a button that is pressed, two linked boxes that are owned and released together.
+// A hand and articulated objects, through all loops on the virtual clock. A drawer is pulled to its limit, a lid is
+// opened, and a button is pressed. Two linked boxes are owned and released together.
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -52,8 +52,8 @@ TEST_P(ObjectScenes, Succeed) {
 }
 
 // Under a budget of work, too, contact is solved on the condensed hand. When it was in the factor, one truncated step
-// made plain Newton steps of all later ones, and those were truncated in turn: 75 % of the steps of this pinch, and the
-// ball was not squeezed at all.
+// made plain Newton steps of all later ones. Those were truncated in turn: 75 % of the steps of this pinch. The ball
+// was not squeezed at all.
 TEST(BudgetedScenes, AHeldPinchIsSeldomTruncated) {
   const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch_lift.toml",
                                  {"hand.model=right_400.hand.json", "hand.simulation.solver.work_budget=2"});

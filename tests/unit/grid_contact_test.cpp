@@ -18,8 +18,8 @@ struct Forces {
   double largest = 0;
 };
 
-// Presses a ball of prescribed motion 2 mm into the pulp of the index finger, then slides it by 12 mm: along the
-// finger and across it, so that its surface passes many cells.
+// Presses a ball of prescribed motion 2 mm into the pulp of the index finger. Then slides it by 12 mm, along the finger
+// and across it, so that its surface passes many cells.
 Forces slide(const ShapeGeometry& ball) {
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
   HandSimulation simulation(hand, {}, 0, 1);

@@ -182,8 +182,8 @@ TEST(Tracking, UsesTheTimeOfArrivalIfTheTrackersClockIsImplausible) {
   }
 }
 
-// A tracker of 90 Hz with a noise of 1 mm and 1 degree. Returns the noise at rest (m RMS per axis) and the lag (s) of a
-// motion of 1 Hz with an amplitude of 0.1 m, both of the last bone of the index finger.
+// A tracker of 90 Hz with a noise of 1 mm and 1 degree. Returns two figures of the last bone of the index finger: the
+// noise at rest (m RMS per axis), and the lag (s). The lag is that of a motion of 1 Hz with an amplitude of 0.1 m.
 std::pair<double, double> noise_and_lag(double cutoff) {
   TrackedInputOptions options;
   options.smoothing_cutoff = cutoff;
