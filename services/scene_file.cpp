@@ -7,6 +7,7 @@
 #include <optional>
 #include <tuple>
 
+#include "contact/skin_patches.hpp"
 #include "runtime/object_store.hpp"
 #include "trackers/replay/recording.hpp"
 #include "world/solid.hpp"

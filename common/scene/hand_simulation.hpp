@@ -60,14 +60,6 @@ struct MirroredJoint {
   Pose child_from_joint;
 };
 
-/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, without
-/// this spring.
-struct ObjectSpring {
-  double linear_stiffness = 0;   ///< N/m
-  double angular_stiffness = 0;  ///< N m/rad
-  double damping_ratio = 0;      ///< relative to the critical damping of the object in the slot
-};
-
 /// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
   std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of a hand

@@ -1,10 +1,10 @@
-// Options of the hand's physics: section [hand.simulation] of a scene.
+// Options of the hand's physics: section [hand.simulation] of a scene, and the spring to the copies of objects.
 #pragma once
 
 #include <array>
 
 #include "runtime/options.hpp"
-#include "solver/newton_solver.hpp"
+#include "solver/solver_options.hpp"
 
 namespace softhand {
 
@@ -69,5 +69,13 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   describe_section(v, "relaxation", "Relaxation of the tissue (docs/relaxation.md).", o.relaxation);
   describe_section(v, "solver", "The minimiser of the incremental potential.", o.solver);
 }
+
+/// U'_crb between a mirrored object and its copy in the world (mode symmetric). Zero stiffness: mode owner, without
+/// this spring.
+struct ObjectSpring {
+  double linear_stiffness = 0;   ///< N/m
+  double angular_stiffness = 0;  ///< N m/rad
+  double damping_ratio = 0;      ///< relative to the critical damping of the object in the slot
+};
 
 }  // namespace softhand

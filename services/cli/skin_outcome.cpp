@@ -9,6 +9,7 @@
 #include "cli/outcome.hpp"
 #include "energies/skin_contact.hpp"
 #include "scene/finger_gap.hpp"
+#include "scene/hand_simulation.hpp"
 
 namespace softhand {
 
@@ -41,6 +42,8 @@ std::size_t SkinOutcome::count(const HandSimulation& simulation) {
   });
   return count;
 }
+
+void SkinOutcome::end(const HandSimulation& simulation) { touches_at_end_ = count(simulation) > 0; }
 
 void SkinOutcome::add(const HandSimulation& simulation) {
   ++steps_;

@@ -2,12 +2,14 @@
 // `simulate` can do this.
 #pragma once
 
+#include <cstddef>
 #include <nlohmann/json_fwd.hpp>
 #include <vector>
 
-#include "scene/hand_simulation.hpp"
-
 namespace softhand {
+
+class HandSimulation;
+class SkinContact;
 
 /// What a scene asks of contact of skin with skin. Zero = not asked for.
 struct SkinGoal {
@@ -22,7 +24,7 @@ class SkinOutcome {
   /// After each step of the motion.
   void add(const HandSimulation& simulation);
   /// After the run.
-  void end(const HandSimulation& simulation) { touches_at_end_ = count(simulation) > 0; }
+  void end(const HandSimulation& simulation);
   /// Keys and meaning: docs/outcome.md. Null if the skin does not touch itself in this scene. With a goal it has
   /// `success` and `success_because`.
   nlohmann::ordered_json summary(const SkinGoal& goal, double friction) const;
