@@ -38,10 +38,11 @@ TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
 TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
   const HandModel hand = opposing_hand();
   const GripHand grip(hand);
-  JointAngles bent;
+  JointAngles bent, straight;
   bent.fill(Vector3(-0.3, 0.1, 0));
+  straight.fill(Vector3::Zero());
   PostureSolver solver(grip, Pose{Vector3(0.02, 0.05, 0.1), rotation_exp(Vector3(0.4, -0.2, 0.3))},
-                       {grip.limited(bent), JointAngles{}});
+                       {grip.limited(bent), straight});
   solver.free_wrist();
   for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
   solver.free_finger(Finger::middle, {0, 1});
