@@ -580,6 +580,8 @@ void ContactSet::write_near(const State& state, Contacts& out) const {
       NearContact& near = nearest[bone];
       if (near.gap == 0) return;
       const Vector3 place = points_.at(point, state.node_positions);
+      const double reach = slot.collider.geometry()->bounding_radius() + near.gap;
+      if ((place - pose.position).squaredNorm() > reach * reach) return;
       const SurfacePoint surface = slot.collider.closest(back * place);
       if (!(surface.distance > 0) || surface.distance >= near.gap) return;
       const Vector3 normal = pose.orientation * surface.normal;
