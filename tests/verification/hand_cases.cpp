@@ -206,7 +206,7 @@ std::vector<Case> hand_cases() {
       {"spinning_box", "angular momentum is conserved", spins, spinning_box},
       {"galilean_boost", "a velocity common to hand and block changes no force", boosts, galilean_boost},
       {"galilean_distance", "no force at a distance", distances, galilean_distance},
-      {"pinch_threshold", "m g/(2 N)", {{{"mass", 0.05}}, {{"mass", 0.1}}}, pinch_threshold},
+      {"pinch_threshold", "m g/(2 N)", {{{"mass", 0.05}}, {{"mass", 0.1}}}, pinch_threshold, 1},
   };
 }
 
