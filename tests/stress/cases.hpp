@@ -19,6 +19,7 @@ std::vector<Case> shape_cases();
 std::vector<Case> joint_cases();
 std::vector<Case> bone_cases();
 std::vector<Case> two_hands_cases();
+std::vector<Case> soft_cases();
 std::vector<Case> world_cases();
 std::vector<Case> process_cases();
 

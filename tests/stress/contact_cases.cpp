@@ -390,9 +390,6 @@ std::vector<Case> contact_cases() {
                    }});
   rows->push_back({"scaled by 1.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 1.5); }, true); }});
   rows->push_back({"scaled by 0.5", [] { return cube_event([](VirtualRig& rig) { scale_cube(rig, 0.5); }); }});
-  cases.add("tube", "this case is not built").push_back({"five fingers in 20 mm", nullptr});
-  cases.add("two_hands", "this case is not built").push_back({"one object", nullptr});
-  cases.add("flexible_object", "this case is not built").push_back({"E = 1e3 to 1e7 Pa", nullptr});
   return cases.take();
 }
 

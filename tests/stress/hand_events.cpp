@@ -14,15 +14,6 @@ namespace {
 constexpr double kRecoveredShare = 0.05;  // largest share of the displacement that may remain after a second, G3
 constexpr double kRestDistance = 0.1e-3;  // m RMS after three seconds, G3
 
-void hold_bones(HandSimulation& simulation, const Displacement& motion) {
-  for (int b = 0; b < kBodyCount; ++b) {
-    const Body body = static_cast<Body>(b);
-    Pose pose = simulation.hand().rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))];
-    pose.position += motion.shift;
-    simulation.set_target(body, pose, {motion.velocity, Vector3::Zero()});
-  }
-}
-
 double rms_distance(const State& state, const Eigen::Matrix3Xd& rest) {
   return std::sqrt((state.node_positions - rest).squaredNorm() / static_cast<double>(rest.cols()));
 }
@@ -93,6 +84,15 @@ Vector3 pad_of(const HandModel& hand, Finger finger) {
   }
   if (lowest.y() >= 1) throw std::logic_error("a finger without tissue");
   return lowest;
+}
+
+void hold_bones(HandSimulation& simulation, const Displacement& motion) {
+  for (int b = 0; b < kBodyCount; ++b) {
+    const Body body = static_cast<Body>(b);
+    Pose pose = simulation.hand().rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))];
+    pose.position += motion.shift;
+    simulation.set_target(body, pose, {motion.velocity, Vector3::Zero()});
+  }
 }
 
 Findings let_go(const Release& release) {

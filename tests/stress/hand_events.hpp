@@ -25,6 +25,15 @@ HandModel one_finger(const HandModel& hand, Finger finger);
 /// The lowest node (towards the palm) of the tissue around a finger's last bone at rest, m.
 Vector3 pad_of(const HandModel& hand, Finger finger);
 
+/// Displacement and velocity of a body at a time.
+struct Displacement {
+  Vector3 shift = Vector3::Zero();     ///< m from the start
+  Vector3 velocity = Vector3::Zero();  ///< m/s
+};
+
+/// Pulls all bones to their rest poses, moved by `motion`.
+void hold_bones(HandSimulation& simulation, const Displacement& motion);
+
 /// Puts the hand into the state that `disturb` makes from the rest state, then releases it. The couplings hold the
 /// bones. The findings are G3 and all demands of HandWatch.
 struct Release {
@@ -35,12 +44,6 @@ Findings let_go(const Release& release);
 
 Shape box_shape(const Vector3& half_extents);
 Shape round_shape(ShapeKind kind, double radius, double half_length);
-
-/// Displacement and velocity of a body at a time.
-struct Displacement {
-  Vector3 shift = Vector3::Zero();     ///< m from the start
-  Vector3 velocity = Vector3::Zero();  ///< m/s
-};
 
 struct EventObject {
   Shape shape;

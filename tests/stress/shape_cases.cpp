@@ -8,11 +8,13 @@
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "runtime/object_store.hpp"
+#include "scene/finger_gap.hpp"
 #include "stress/cases.hpp"
 #include "stress/hand_events.hpp"
 #include "support/box_mesh.hpp"
 #include "support/meshes.hpp"
 #include "trackers/replay/motion.hpp"
+#include "trackers/replay/posture_solver.hpp"
 
 namespace softhand::stress {
 namespace {
@@ -228,6 +230,83 @@ Findings pressed(const Wall& wall, double depth, double way) {
   return findings;
 }
 
+// --- a tube that is too narrow for all fingers ------------------------------------------------------------------
+
+// Bunches all five fingertips as far as the joints allow. `middle` and `axis`: of the tips.
+JointAngles bunched(const GripHand& hand, Vector3& middle, Vector3& axis) {
+  PostureSolver solver(hand, Pose{}, {hand.open()});
+  for (int f = 0; f < kFingerCount; ++f) solver.free_finger(static_cast<Finger>(f), {0});
+  const Vector3 goal = hand.pad(Finger::middle, solver.frames(0)).position + Vector3(0, -0.03, 0.02);
+  solver.solve([&goal](PostureSolver& s) {
+    for (int f = 0; f < kFingerCount; ++f) {
+      const GripHand::Pad pad = s.pad(static_cast<Finger>(f), 0);
+      s.add_point_goal(kPerMetre, 0, pad.body, pad.centre, goal);
+      s.add_direction_goal(0.2, 0, pad.body, pad.along, Vector3(0, -0.6, -0.8));
+    }
+    s.add_start_goal(0.1);
+  });
+  middle = axis = Vector3::Zero();
+  for (int f = 0; f < kFingerCount; ++f) {
+    const GripHand::Pad pad = solver.pad(static_cast<Finger>(f), 0);
+    middle += pad.centre / kFingerCount;
+    axis += pad.along;
+  }
+  axis.normalize();
+  return solver.angles(0);
+}
+
+// A tube about y, 30 mm long, with a wall of 6 mm and rounded rims.
+Geometry tube(double bore) {
+  const auto squarish = [](double x) { return std::copysign(std::pow(std::abs(x), 0.4), x); };
+  return grid_of(testing::closed_grid(72, 40,
+                                      [&](double u, double v) {
+                                        const double r = 0.5 * bore + 3e-3 * (1 + squarish(std::cos(v)));
+                                        return Vector3(r * std::sin(u), 0.015 * squarish(std::sin(v)), r * std::cos(u));
+                                      }),
+                 1e-3);
+}
+
+// The fingers bunch, and a tube is pushed over them and taken off again. It takes two fingers and presses the tips of
+// the others with its rim.
+Findings tube_over_the_fingers(double bore) {
+  constexpr double kMove = 0.6, kOn = 0.8, kOff = 2.2, kOpen = 2.9, kSeconds = 4;  // s
+  constexpr double kFar = 0.07, kWay = 0.067;                                      // m, before the tips
+  const HandModel& model = shipped_hand();
+  const GripHand grip(model);
+  Vector3 middle, axis;
+  const JointAngles shut = bunched(grip, middle, axis);
+  const Geometry shape = tube(bore);
+  SimulationOptions options;
+  options.skin_contact = true;
+  HandSimulation simulation(model, options, 0, 1);
+  simulation.enable_ledger(true);
+  simulation.set_slot(0, {.id = 1, .shape = shape.get(), .friction = 0.3});
+  const Quaternion turned = Quaternion::FromTwoVectors(Vector3::UnitY(), axis);
+  const auto moved = [](double time, double there, double back) {
+    return minimum_jerk((time - there) / kMove) - minimum_jerk((time - back) / kMove);
+  };
+  const auto place = [&](double time) { return Vector3(middle + (kFar - kWay * moved(time, kOn, kOff)) * axis); };
+  HandWatch watch;
+  double force = 0, gap = 1;
+  for (double time = 0; time < kSeconds; time += kStep) {
+    const JointFrames targets = forward_kinematics(model, Pose{}, grip.from_open(moved(time, 0, kOpen), shut));
+    for (int b = 0; b < kBodyCount; ++b) {
+      const Body body = static_cast<Body>(b);
+      simulation.set_target(body, targets[static_cast<std::size_t>(index_of(joint_of(body)))], {});
+    }
+    simulation.set_slot_motion(0, {place(time), turned},
+                               {(place(time + kStep) - place(time)) / kStep, Vector3::Zero()});
+    watch.after_step(simulation, simulation.step(kStep), kStep);
+    force = std::max(force, simulation.contact_wrench(0).force.norm());
+    gap = std::min(gap, finger_gap(model, simulation.state()));
+  }
+  Findings findings;
+  watch.judge(simulation, findings);
+  findings.demand_at_least("pressed", "largest force of the tube", force, 20, "N");
+  findings.demand_at_least("fingers", "smallest gap between bones of two fingers", gap * 1e3, 0, "mm");
+  return findings;
+}
+
 }  // namespace
 
 std::vector<Case> shape_cases() {
@@ -284,6 +363,12 @@ std::vector<Case> shape_cases() {
         {Class::violated,
          "under this force the contact's penetration is more than the wall. The node is still pushed to its side"});
   for (const double depth : {4.0, 15.0, 30.0}) press("mug", lying_mug, depth, 15);
+  rows = &cases.add("tube", "a tube is pushed over five bunched fingers, and no finger passes another");
+  for (const double millimetres : {20.0, 30.0})
+    rows->push_back({named("bore", millimetres, "mm"),
+                     [=] { return tube_over_the_fingers(1e-3 * millimetres); },
+                     {},
+                     millimetres == 20});
   return cases.take();
 }
 

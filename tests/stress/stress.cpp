@@ -68,7 +68,7 @@ const std::vector<Case>& all_cases() {
   static const std::vector<Case> cases = [] {
     std::vector<Case> all;
     for (auto part : {material_cases, solver_cases, tracker_cases, contact_cases, shape_cases, joint_cases, bone_cases,
-                      two_hands_cases, world_cases, process_cases}) {
+                      two_hands_cases, soft_cases, world_cases, process_cases}) {
       std::vector<Case> more = part();
       all.insert(all.end(), std::make_move_iterator(more.begin()), std::make_move_iterator(more.end()));
     }

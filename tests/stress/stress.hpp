@@ -70,8 +70,9 @@ struct Setting {
 };
 
 struct Case {
-  std::string name;       ///< unique
-  std::string section;    ///< Material, Solver, Tracker, Contact, Shapes, Joints, Bones, Two hands, World
+  std::string name;  ///< unique
+  std::string
+      section;  ///< Material, Solver, Tracker, Contact, Shapes, Joints, Bones, Two hands, Flexible objects, World
   std::string statement;  ///< meaning of Pass in one line; empty if the invariants say it all
   std::vector<Setting> rows;
 };
