@@ -1,5 +1,5 @@
 # Each driver as a process, with a simulator that speaks the protocol of the device.
-softhand_test(driver_processes ${CMAKE_CURRENT_LIST_DIR}/natnet_process_test.cpp
+softhand_test(driver_processes LIVE ${CMAKE_CURRENT_LIST_DIR}/natnet_process_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/osc_process_test.cpp ${CMAKE_CURRENT_LIST_DIR}/vrpn_process_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/streamer_process_test.cpp ${CMAKE_CURRENT_LIST_DIR}/weart_process_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/opengloves_process_test.cpp ${CMAKE_CURRENT_LIST_DIR}/fusion_process_test.cpp

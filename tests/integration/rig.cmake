@@ -9,15 +9,11 @@ target_compile_definitions(softhand_rig_harness PUBLIC SOFTHAND_PROGRAMS="${PROJ
 if(SOFTHAND_SANITIZE OR CMAKE_BUILD_TYPE STREQUAL "Debug")
   return()
 endif()
-add_executable(test_rig ${CMAKE_CURRENT_LIST_DIR}/rig_test.cpp ${CMAKE_CURRENT_LIST_DIR}/rig_processes_test.cpp
+softhand_test(rig LIVE ${CMAKE_CURRENT_LIST_DIR}/rig_test.cpp ${CMAKE_CURRENT_LIST_DIR}/rig_processes_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/rig_swap_test.cpp ${CMAKE_CURRENT_LIST_DIR}/flight_rig_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/soft_rig_test.cpp ${CMAKE_CURRENT_LIST_DIR}/two_hands_rig_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/hand_size_test.cpp ${CMAKE_CURRENT_LIST_DIR}/pace_test.cpp
-  ${CMAKE_CURRENT_LIST_DIR}/calibration_process_test.cpp)
-softhand_join_sources(test_rig)
-target_link_libraries(test_rig PRIVATE softhand_options softhand_rig_harness softhand_runtime softhand_device
-  softhand_time_control softhand_tracker_replay GTest::gtest GTest::gtest_main)
-target_compile_definitions(test_rig PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  ${CMAKE_CURRENT_LIST_DIR}/calibration_process_test.cpp LINK softhand_rig_harness softhand_runtime softhand_device
+  softhand_time_control softhand_tracker_replay PROPERTIES RUN_SERIAL TRUE TIMEOUT 180)
 add_dependencies(test_rig softhand softhand-hand softhand-world softhand-tracking softhand-tracker-replay
   softhand-haptic-log softhand-tactile-log)
-gtest_discover_tests(test_rig DISCOVERY_MODE PRE_TEST PROPERTIES RUN_SERIAL TRUE TIMEOUT 180)
