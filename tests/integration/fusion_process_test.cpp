@@ -9,8 +9,6 @@
 namespace softhand::fusion_process_test {
 namespace {
 
-using testing::at;
-
 class FusionProcess : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { testing::use_own_domain(); }
@@ -44,7 +42,7 @@ class FusionProcess : public ::testing::Test {
 // keep this test from writing in time. The hand is then another one, so what arrives up to 0.1 s after is not judged.
 // Fusion.ComposesARecordedHandThatWasDivided judges the recorded hand, in steps of a time of its own.
 TEST_F(FusionProcess, ComposesAHandThatWasDivided) {
-  const auto motion = testing::free_motion();
+  const auto motion = testing::shipped_free_motion();
   constexpr double kLate = 5e-3, kRecovery = 0.1;  // s
   start({"--set", "tracker_fusion.delay=0.015"});
   std::mt19937_64 random(5);

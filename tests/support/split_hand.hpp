@@ -18,10 +18,8 @@ namespace softhand::testing {
 inline constexpr std::uint32_t kWristSource = 1, kFingerSource = 2;  // users
 inline constexpr double kFingerDelay = 0.03;                         // s
 
-inline std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
-/// Every joint in motion, generated.
-inline std::shared_ptr<const Motion> free_motion() {
+/// Every joint of a shipped hand in motion, generated.
+inline std::shared_ptr<const Motion> shipped_free_motion() {
   GeneratorOptions options;
   options.motion = "free_motion";
   return make_motion(load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"), options);
@@ -32,7 +30,7 @@ inline std::shared_ptr<const Motion> quest_hand() {
   if (std::filesystem::exists(recorded_hand_path()))
     return std::make_shared<Recording>(Recording::load(recorded_hand_path()));
   std::printf("no recording; a generated motion instead\n");
-  return free_motion();
+  return shipped_free_motion();
 }
 
 /// A sample of all joints, in the world.
@@ -50,16 +48,16 @@ inline Skeleton whole_hand(const JointFrames& joints, std::uint32_t user) {
 inline Skeleton only_wrist(const JointFrames& joints) {
   Skeleton out = whole_hand(joints, kWristSource);
   for (std::size_t j = 0; j < kJointCount; ++j)
-    if (j != at(Joint::wrist)) out.joints[j] = {};
+    if (j != slot_of(Joint::wrist)) out.joints[j] = {};
   return out;
 }
 /// As a glove delivers them: the wrist is at the origin of the desk, and not tracked.
 inline Skeleton only_fingers(const JointFrames& joints) {
   JointFrames local;
-  for (std::size_t j = 0; j < kJointCount; ++j) local[j] = joints[at(Joint::wrist)].inverse() * joints[j];
+  for (std::size_t j = 0; j < kJointCount; ++j) local[j] = joints[slot_of(Joint::wrist)].inverse() * joints[j];
   Skeleton out = whole_hand(local, kFingerSource);
   out.frame = 2;
-  out.joints[at(Joint::wrist)].flags = kJointValid | kJointInferred;
+  out.joints[slot_of(Joint::wrist)].flags = kJointValid | kJointInferred;
   return out;
 }
 
@@ -85,7 +83,7 @@ class TipErrors {
  public:
   void add(const Skeleton& sample, const JointFrames& real) {
     for (int f = 0; f < kFingerCount; ++f) {
-      const std::size_t tip = at(tip_of(static_cast<Finger>(f)));
+      const std::size_t tip = slot_of(tip_of(static_cast<Finger>(f)));
       const double distance = (to_vector(sample.joints[tip].position) - real[tip].position).norm();
       sum_ += distance * distance;
       largest_ = std::max(largest_, distance);

@@ -15,7 +15,6 @@
 namespace softhand::fusion_test {
 namespace {
 
-using testing::at;
 using testing::kFingerSource;
 using testing::kWristSource;
 constexpr Nanoseconds kStart = 1'000'000'000'000;
@@ -33,11 +32,11 @@ JointFrames posed(const HandModel& hand, const Pose& wrist, double flexion) {
   return forward_kinematics(hand, wrist, angles);
 }
 double flexion_of(const Skeleton& hand, Joint joint = Joint::middle_proximal) {
-  const auto turn = [&](Joint j) { return to_quaternion(hand.joints[at(j)].orientation); };
+  const auto turn = [&](Joint j) { return to_quaternion(hand.joints[slot_of(j)].orientation); };
   static const HandModel rest = shipped_hand();
   const Joint base = static_cast<Joint>(index_of(joint) - 1);
   const Quaternion against =
-      rest.rest_joints[at(base)].orientation.conjugate() * rest.rest_joints[at(joint)].orientation;
+      rest.rest_joints[slot_of(base)].orientation.conjugate() * rest.rest_joints[slot_of(joint)].orientation;
   return -rotation_log(against.conjugate() * turn(base).conjugate() * turn(joint)).x();
 }
 
@@ -61,7 +60,7 @@ class Fusion : public ::testing::Test {
       if (!fusion_->compose(clock_at(now_), out_)) continue;
       if (outputs_++ > 0) {
         for (int f = 0; f < kFingerCount; ++f) {
-          const std::size_t tip = at(tip_of(static_cast<Finger>(f)));
+          const std::size_t tip = slot_of(tip_of(static_cast<Finger>(f)));
           const Vector3 moved = to_vector(out_.joints[tip].position) - to_vector(last_.joints[tip].position);
           const double elapsed = static_cast<double>(out_.stamp.sample_time - last_.stamp.sample_time) * 1e-9;
           EXPECT_GT(elapsed, 0);
@@ -99,8 +98,8 @@ double best_linear_prediction(const Motion& motion, const std::vector<Composed>&
   const auto angles_at = [&](double time) {
     const JointFrames joints = motion.at(time);
     std::array<Vector3, kJointCount> out{};
-    for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
-      const Quaternion& parent = joints[at(parent_of(static_cast<Joint>(j)))].orientation;
+    for (std::size_t j = slot_of(Joint::wrist) + 1; j < kJointCount; ++j) {
+      const Quaternion& parent = joints[slot_of(parent_of(static_cast<Joint>(j)))].orientation;
       out[j] = rotation_log(parent.conjugate() * joints[j].orientation);
     }
     return out;
@@ -111,7 +110,7 @@ double best_linear_prediction(const Motion& motion, const std::vector<Composed>&
     for (std::size_t s = 0; s < kSamples; ++s) known[i][s] = angles_at(hands[i].fingers[s]);
   Eigen::MatrixXd features(count, kCoefficients);
   Eigen::VectorXd changes(count);
-  for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+  for (std::size_t j = slot_of(Joint::wrist) + 1; j < kJointCount; ++j) {
     for (int axis = 0; axis < 3; ++axis) {
       for (Eigen::Index i = 0; i < count; ++i) {
         const auto& [time, fingers] = hands[static_cast<std::size_t>(i)];
@@ -132,8 +131,8 @@ double best_linear_prediction(const Motion& motion, const std::vector<Composed>&
   for (std::size_t i = 0; i < hands.size(); ++i) {
     const JointFrames real = motion.at(hands[i].time);
     JointFrames joints = real;  // also bone lengths are known
-    for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
-      const std::size_t parent = at(parent_of(static_cast<Joint>(j)));
+    for (std::size_t j = slot_of(Joint::wrist) + 1; j < kJointCount; ++j) {
+      const std::size_t parent = slot_of(parent_of(static_cast<Joint>(j)));
       joints[j] = joints[parent] * Pose{(real[parent].inverse() * real[j]).position, rotation_exp(predicted[i][j])};
     }
     errors.add(testing::whole_hand(joints, 0), real);
@@ -173,13 +172,13 @@ TEST_F(Fusion, ComposesARecordedHandThatWasDivided) {
       Skeleton used;
       for (int f = 0; f < kFingerCount; ++f) {
         const Joint tip = tip_of(static_cast<Finger>(f)), distal = static_cast<Joint>(index_of(tip) - 1);
-        used.joints[at(tip)].position =
+        used.joints[slot_of(tip)].position =
             to_wire(tracking.targets(clock_at(now))[static_cast<std::size_t>(index_of(body_of(distal)))].pose *
-                    (real[at(distal)].inverse() * real[at(tip)].position));
+                    (real[slot_of(distal)].inverse() * real[slot_of(tip)].position));
       }
       in_use.add(used, real);
       wrist_squares +=
-          (tracking.targets(clock_at(now))[1].pose.position - real[at(Joint::wrist)].position).squaredNorm();
+          (tracking.targets(clock_at(now))[1].pose.position - real[slot_of(Joint::wrist)].position).squaredNorm();
       if (!is_new) continue;
       hands.push_back({static_cast<double>(out_.stamp.sample_time - kStart) * 1e-9, {}});
       hands.back().fingers.assign(fingers.rbegin(), fingers.rend());
@@ -231,20 +230,20 @@ TEST_F(Fusion, AJointHasTheConfidenceOfItsSource) {
   const JointFrames real = posed(hand_, {}, 0.3);
   const auto compose = [&](double time, double of_the_tip) {
     Skeleton wrist = testing::only_wrist(real), fingers = testing::only_fingers(real);
-    wrist.joints[at(Joint::wrist)].confidence = 0.9;
+    wrist.joints[slot_of(Joint::wrist)].confidence = 0.9;
     for (JointSample& joint : fingers.joints) joint.confidence = 0.7;
-    fingers.joints[at(Joint::index_tip)].confidence = of_the_tip;
+    fingers.joints[slot_of(Joint::index_tip)].confidence = of_the_tip;
     send(wrist, time, time);
     send(fingers, time, time);
     return fusion_->compose(clock_at(time), out_);
   };
   ASSERT_TRUE(compose(0, 0.2));
-  EXPECT_EQ(out_.joints[at(Joint::wrist)].confidence, 0.9);
-  EXPECT_EQ(out_.joints[at(Joint::index_tip)].confidence, 0.2);
-  EXPECT_EQ(out_.joints[at(Joint::middle_tip)].confidence, 0.7);
+  EXPECT_EQ(out_.joints[slot_of(Joint::wrist)].confidence, 0.9);
+  EXPECT_EQ(out_.joints[slot_of(Joint::index_tip)].confidence, 0.2);
+  EXPECT_EQ(out_.joints[slot_of(Joint::middle_tip)].confidence, 0.7);
   for (const double bad : {std::nan(""), -1.0, 2.0}) {
     ASSERT_TRUE(compose(0.01 + std::abs(std::isnan(bad) ? 0 : bad) / 100, bad));
-    EXPECT_EQ(out_.joints[at(Joint::index_tip)].confidence, 1) << bad;
+    EXPECT_EQ(out_.joints[slot_of(Joint::index_tip)].confidence, 1) << bad;
   }
 }
 
@@ -299,10 +298,10 @@ TEST_F(Fusion, BridgesADeadCameraWithAnotherWrist) {
   fastest_ = 0;
   run(2, sources);
   EXPECT_EQ(fusion_->wrist().owner(), kWristSource);
-  EXPECT_NEAR(out_.joints[at(Joint::wrist)].position[0], 0.2 * 2 + 0.03, 0.01);
+  EXPECT_NEAR(out_.joints[slot_of(Joint::wrist)].position[0], 0.2 * 2 + 0.03, 0.01);
   camera = true;
   run(3, sources);
-  EXPECT_NEAR(out_.joints[at(Joint::wrist)].position[0], 0.2 * 3, 0.01);
+  EXPECT_NEAR(out_.joints[slot_of(Joint::wrist)].position[0], 0.2 * 3, 0.01);
   EXPECT_NEAR(flexion_of(out_), 0.5, 1e-6);
   std::printf("fastest fingertip %.2f m/s\n", fastest_);
   EXPECT_LT(fastest_, 0.6);
@@ -327,8 +326,8 @@ TEST_F(Fusion, KeepsThePostureWithoutFingers) {
     if (tick % 11 == 0) send(testing::only_wrist(posed(hand_, {}, 0)), now_, now_);
   });
   EXPECT_NEAR(flexion_of(out_), 0.6, 1e-6);
-  EXPECT_EQ(out_.joints[at(Joint::index_tip)].flags, kJointValid | kJointInferred);
-  EXPECT_EQ(out_.joints[at(Joint::wrist)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(out_.joints[slot_of(Joint::index_tip)].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(out_.joints[slot_of(Joint::wrist)].flags, kJointValid | kJointTracked);
   run(2, [&](int tick) {  // they come back with another posture
     if (tick % 11 == 0) send(testing::only_wrist(posed(hand_, {}, 0)), now_, now_);
     if (tick % 11 == 0) send(testing::only_fingers(posed(hand_, {}, 0)), now_, now_);
@@ -363,7 +362,8 @@ TEST_F(Fusion, TakesEachFingerFromTheSourceThatSeesIt) {
   start("3", "2 3");
   Skeleton glove = testing::only_fingers(posed(hand_, {}, 0.6));
   for (std::size_t j = 0; j < kJointCount; ++j)
-    if (j != at(Joint::wrist) && finger_of(body_of(static_cast<Joint>(j))) != Finger::index) glove.joints[j].flags = 0;
+    if (j != slot_of(Joint::wrist) && finger_of(body_of(static_cast<Joint>(j))) != Finger::index)
+      glove.joints[j].flags = 0;
   run(1, [&](int tick) {
     if (tick % 11 == 0) send(testing::whole_hand(posed(hand_, {}, 0.2), kCamera), now_, now_);
     if (tick % 11 == 0) send(glove, now_, now_);

@@ -9,7 +9,6 @@
 namespace softhand::generator_test {
 namespace {
 
-using testing::at;
 using testing::free_motion;
 using testing::opposing_hand;
 
@@ -64,9 +63,9 @@ TEST(Generator, UnscrewingTakesTheCapAnewForEachTurn) {
   const auto motion = make_motion(opposing_hand(), options);
   const auto gap = [&](double t) {
     const JointFrames frames = motion->at(t);
-    return (frames[at(Joint::thumb_tip)].position - frames[at(Joint::index_tip)].position).norm();
+    return (frames[slot_of(Joint::thumb_tip)].position - frames[slot_of(Joint::index_tip)].position).norm();
   };
-  const auto heading = [&](double t) { return motion->at(t)[at(Joint::wrist)].orientation; };
+  const auto heading = [&](double t) { return motion->at(t)[slot_of(Joint::wrist)].orientation; };
   std::vector<std::string> names;
   double turned = 0;
   const double closed = gap(motion->phases()[1].end);
@@ -99,7 +98,7 @@ TEST(Generator, ScissorsOpenAndCloseBetweenEnteringAndLeaving) {
   const auto motion = make_motion(opposing_hand(), options);
   const auto gap = [&](double t) {
     const JointFrames frames = motion->at(t);
-    return (frames[at(Joint::thumb_tip)].position - frames[at(Joint::index_tip)].position).norm();
+    return (frames[slot_of(Joint::thumb_tip)].position - frames[slot_of(Joint::index_tip)].position).norm();
   };
   int strokes = 0;
   double entering = gap(0), shut = 0;
@@ -122,7 +121,7 @@ TEST(Generator, TheStartChangesTheFirstHalfOfTheApproachOnly) {
   options.start_offset = {0.1, 0.02, -0.05};
   options.start_turn = {0, 0.6, 0};
   const auto aside = make_motion(opposing_hand(), options);
-  const Pose a = plain->at(0)[at(Joint::wrist)], b = aside->at(0)[at(Joint::wrist)];
+  const Pose a = plain->at(0)[slot_of(Joint::wrist)], b = aside->at(0)[slot_of(Joint::wrist)];
   EXPECT_LT((b.position - a.position - to_vector(options.start_offset)).norm(), 1e-12);
   EXPECT_NEAR(rotation_log(b.orientation * a.orientation.conjugate()).y(), 0.6, 1e-12);
   for (double t = 0.5 * options.approach_time; t < plain->duration() - options.retreat_time; t += 0.05) {

@@ -10,9 +10,6 @@
 
 namespace softhand::testing {
 
-inline std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-inline std::size_t at(Body body) { return static_cast<std::size_t>(index_of(body)); }
-
 /// The block hand with an opposing thumb. The thumb is rolled about its bone so that its pad faces the fingers.
 inline HandModel opposing_hand() {
   HandModel hand = block_hand();
@@ -24,14 +21,14 @@ inline HandModel opposing_hand() {
     hand.rest_joints[2 + k] = {Vector3(-0.022, -0.005, -0.022) + turn * Vector3(0, 0, -depth[k]), turn};
   }
   hand.joint_radii.fill(0.008);
-  hand.bodies[at(Body::thumb_metacarpal)].joint.flexion_range = {-0.9, 0.5};
-  hand.bodies[at(Body::thumb_metacarpal)].joint.abduction_range = {-0.7, 0.7};
-  hand.bodies[at(Body::index_proximal)].joint.abduction_range = {-0.35, 0.35};
+  hand.bodies[slot_of(Body::thumb_metacarpal)].joint.flexion_range = {-0.9, 0.5};
+  hand.bodies[slot_of(Body::thumb_metacarpal)].joint.abduction_range = {-0.7, 0.7};
+  hand.bodies[slot_of(Body::index_proximal)].joint.abduction_range = {-0.35, 0.35};
   return hand;
 }
 
 inline Vector3 pad(const HandModel& hand, Finger finger, const JointFrames& frames) {
-  return frames[at(joint_of(distal_of(finger)))] * pad_in_distal(hand, finger);
+  return frames[slot_of(joint_of(distal_of(finger)))] * pad_in_distal(hand, finger);
 }
 
 inline std::shared_ptr<const Motion> free_motion() {

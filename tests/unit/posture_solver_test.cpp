@@ -10,7 +10,6 @@
 namespace softhand::posture_solver_test {
 namespace {
 
-using testing::at;
 using testing::opposing_hand;
 using testing::pad;
 
@@ -23,13 +22,14 @@ TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
   for (std::size_t j = 0; j < kJointCount; ++j) {
     EXPECT_LT((rest[j].position - wrist * hand.rest_joints[j].position).norm(), 1e-12) << kJointNames[j];
   }
-  angles[at(Body::index_proximal)].x() = -1;
+  angles[slot_of(Body::index_proximal)].x() = -1;
   const JointFrames bent = forward_kinematics(hand, Pose{}, angles);
-  EXPECT_LT(bent[at(Joint::index_tip)].position.y(), hand.rest_joints[at(Joint::index_tip)].position.y() - 0.05);
+  EXPECT_LT(bent[slot_of(Joint::index_tip)].position.y(),
+            hand.rest_joints[slot_of(Joint::index_tip)].position.y() - 0.05);
   for (std::size_t j = 6; j < kJointCount; ++j) {
     const Body body = body_of(static_cast<Joint>(j));
     if (joint_of(body) != static_cast<Joint>(j)) continue;
-    const std::size_t parent = at(joint_of(parent_of(body)));
+    const std::size_t parent = slot_of(joint_of(parent_of(body)));
     EXPECT_NEAR((bent[j].position - bent[parent].position).norm(),
                 (hand.rest_joints[j].position - hand.rest_joints[parent].position).norm(), 1e-12);
   }

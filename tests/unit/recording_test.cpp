@@ -17,8 +17,6 @@
 namespace softhand::recording_test {
 namespace {
 
-using testing::at;
-
 constexpr Nanoseconds kMillisecond = 1'000'000;
 
 std::string csv_row(double t, double x) {
@@ -43,10 +41,10 @@ TEST(Recording, ReadsJointsAndPlacesThePalm) {
   EXPECT_EQ(recording.frames().size(), 2u);
   EXPECT_NEAR(recording.duration(), 0.02, 1e-12);
   const JointFrames middle = recording.at(0.005);
-  EXPECT_NEAR(middle[at(Joint::wrist)].position.x(), 0.15, 1e-12);
-  EXPECT_NEAR(middle[at(Joint::little_tip)].position.y(), 0.24, 1e-12);
+  EXPECT_NEAR(middle[slot_of(Joint::wrist)].position.x(), 0.15, 1e-12);
+  EXPECT_NEAR(middle[slot_of(Joint::little_tip)].position.y(), 0.24, 1e-12);
   EXPECT_LT((middle[0].position - 0.5 * (middle[11].position + middle[12].position)).norm(), 1e-12);
-  EXPECT_NEAR(recording.radii()[at(Joint::index_tip)], 0.01, 1e-12);
+  EXPECT_NEAR(recording.radii()[slot_of(Joint::index_tip)], 0.01, 1e-12);
 }
 
 TEST(Recording, IgnoresAByteOrderMarkBeforeTheHeader) {
@@ -76,7 +74,7 @@ TEST(Recording, RecordedHandHasConstantBoneLengths) {
   double sum = 0, square = 0;
   for (const JointFrames& frame : recording.frames()) {
     const double length =
-        (frame[at(Joint::index_intermediate)].position - frame[at(Joint::index_proximal)].position).norm();
+        (frame[slot_of(Joint::index_intermediate)].position - frame[slot_of(Joint::index_proximal)].position).norm();
     sum += length;
     square += length * length;
   }

@@ -11,7 +11,6 @@
 namespace softhand::replay_tracker_test {
 namespace {
 
-using testing::at;
 using testing::free_motion;
 using testing::opposing_hand;
 
@@ -105,8 +104,8 @@ TEST(ReplayTracker, FaultsOccurAtTheRequestedTimes) {
   for (const Skeleton& s : samples) {
     const Skeleton& c = clean[static_cast<std::size_t>(s.stamp.sequence - 1)];
     teleported += std::abs(s.joints[1].position[0] - c.joints[1].position[0]) > 9 ? 1 : 0;
-    nans += std::isnan(s.joints[at(Joint::index_intermediate)].position[0]) ? 1 : 0;
-    EXPECT_TRUE(all_finite(s.joints[at(Joint::index_distal)].position));
+    nans += std::isnan(s.joints[slot_of(Joint::index_intermediate)].position[0]) ? 1 : 0;
+    EXPECT_TRUE(all_finite(s.joints[slot_of(Joint::index_distal)].position));
     EXPECT_EQ(s.joints[1].orientation[3] * c.joints[1].orientation[3] < 0, s.stamp.sequence % 2 == 0);
   }
   EXPECT_EQ(teleported, 50);

@@ -10,7 +10,6 @@
 namespace softhand::shipped_grip_test {
 namespace {
 
-using testing::at;
 using testing::free_motion;
 using testing::pad;
 
@@ -31,7 +30,8 @@ INSTANTIATE_TEST_SUITE_P(Hands, ShippedGrip,
 // The point where the round distal phalanx touches a face with the normal -`towards`.
 Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, const Vector3& towards) {
   const Vector3 pad_place = pad_in_distal(hand, finger);
-  return frames[at(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) - pad_place.y() * towards;
+  return frames[slot_of(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) -
+         pad_place.y() * towards;
 }
 // The least clearance between the object of `distance` and the capsules of all bodies from the metacarpals on. Bodies
 // for which `is_excluded` is true do not count.
@@ -41,7 +41,7 @@ double clearance(const HandModel& hand, const JointFrames& frames, Distance dist
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     if (is_excluded(body)) continue;
-    const std::size_t from = at(joint_of(body)), to = at(end_joint_of(body));
+    const std::size_t from = slot_of(joint_of(body)), to = slot_of(end_joint_of(body));
     for (double s = 0; s <= 1; s += 0.1) {
       least = std::min(least, distance((1 - s) * frames[from].position + s * frames[to].position) -
                                   ((1 - s) * hand.joint_radii[from] + s * hand.joint_radii[to]));
@@ -52,7 +52,7 @@ double clearance(const HandModel& hand, const JointFrames& frames, Distance dist
 void expect_in_range(const HandModel& hand, const JointFrames& frames, double time) {
   for (std::size_t b = 2; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
-    const std::size_t joint = at(joint_of(body)), parent = at(joint_of(parent_of(body)));
+    const std::size_t joint = slot_of(joint_of(body)), parent = slot_of(joint_of(parent_of(body)));
     const Quaternion rest = hand.rest_joints[parent].orientation.conjugate() * hand.rest_joints[joint].orientation;
     const Vector3 angle =
         rotation_log(rest.conjugate() * frames[parent].orientation.conjugate() * frames[joint].orientation);
@@ -90,7 +90,7 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
   EXPECT_NEAR(0.5 * (thumb.y() + index.y()), 0, above);
   // The pads point at the cube's faces within 60 degrees.
   const auto normal = [&](Finger f) {
-    return Vector3(grip[at(joint_of(distal_of(f)))].orientation * Vector3(0, -1, 0));
+    return Vector3(grip[slot_of(joint_of(distal_of(f)))].orientation * Vector3(0, -1, 0));
   };
   EXPECT_LT(normal(Finger::thumb).z(), -0.5);
   EXPECT_GT(normal(Finger::index).z(), 0.5);
@@ -180,7 +180,7 @@ HandModel relaxed(const HandModel& hand) {
   JointAngles more;
   more.fill(Vector3::Zero());
   for (const Finger finger : kFourFingers) {
-    const std::size_t last = at(distal_of(finger));
+    const std::size_t last = slot_of(distal_of(finger));
     more[last - 2].x() = -0.45;
     more[last - 1].x() = -0.35;
     more[last].x() = -0.1;
@@ -191,7 +191,7 @@ HandModel relaxed(const HandModel& hand) {
     for (double& bound : out.bodies[b].joint.flexion_range) bound -= more[b].x();
   }
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
-    const std::size_t joint = at(joint_of(static_cast<Body>(hand.node_body[n])));
+    const std::size_t joint = slot_of(joint_of(static_cast<Body>(hand.node_body[n])));
     out.nodes[n] = out.rest_joints[joint] * (hand.rest_joints[joint].inverse() * hand.nodes[n]);
   }
   return out;
