@@ -22,7 +22,7 @@ runs=$("$live_test" sh -c "sleep 1000 & echo run \$!; $stop exit 1")
 for process in $(echo "$runs" | sed -n 's/^run //p'); do
   kill -0 "$process" 2> /dev/null && { echo "process $process lives"; failures=1; }
 done
-# Stops that do not end are hopeless after five seconds.
+# Stops that do not end are hopeless after three seconds.
 hopeless=$(timeout 60 "$live_test" sh -c "while true; do $stop sleep 0.1; done")
 [ $? = 77 ] && echo "$hopeless" | grep -q "stood still" || { echo "not ended: $hopeless"; failures=1; }
 exit $failures

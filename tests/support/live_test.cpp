@@ -7,7 +7,7 @@
 // The exit code is the test's own, with two exceptions. Both give 77, with the measured stops, and ctest reports the
 // test as skipped:
 // - The test failed, and stops took over 5 % of its time. It gets two more chances.
-// - Stops took over 20 % of the time after five seconds or later. The test is ended.
+// - Stops took over 20 % of the time after three seconds or later. The test is ended.
 #include <sched.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -100,7 +100,7 @@ int main(int, char** arguments) {
     bool is_hopeless = false;
     while (!is_hopeless && waitpid(test, &status, WNOHANG) != test) {
       stops.wait();
-      is_hopeless = stops.elapsed() > 5s && stops.lost_share() > kHopeless;
+      is_hopeless = stops.elapsed() > 3s && stops.lost_share() > kHopeless;
     }
     const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     const bool is_excused = is_hopeless || (code != 0 && code != kSkipped && stops.lost_share() > kExcuse);
