@@ -2,7 +2,7 @@
 //
 // Beside the test it wakes every 5 ms with the highest real-time priority. Only a stop of the whole machine delays it
 // by more than 60 ms: the host of a virtual machine gave its cores to others. Such a stop looks like a dead process to
-// each deadline, each lease and each watchdog, so the result of a test says nothing about the programs.
+// each deadline, lease and watchdog. The result of a test then says nothing about the programs.
 //
 // The exit code is the test's own, with two exceptions. Both give 77, with the measured stops, and ctest reports the
 // test as skipped:
@@ -58,7 +58,7 @@ class Stops {
   Seconds lost_{}, longest_{};
 };
 
-/// The test in a process group of its own. It ends with this process.
+/// Starts the test in a process group of its own. It ends with this process. Returns its id, or -1 if fork fails.
 pid_t start(char** command) {
   const pid_t test = fork();
   if (test != 0) return test;
@@ -96,6 +96,10 @@ int main(int, char** arguments) {
   for (int run = 0; run < 3 && used < 30s; ++run) {
     Stops stops;
     const pid_t test = start(arguments + 1);
+    if (test < 0) {
+      std::perror("live_test: fork");
+      return 1;
+    }
     int status = 0;
     bool is_hopeless = false;
     while (!is_hopeless && waitpid(test, &status, WNOHANG) != test) {
