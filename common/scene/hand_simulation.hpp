@@ -8,7 +8,7 @@
 // prescribed, and no force changes it. A dynamic object is a twin with mass, inertia and gravity.
 //
 // Two hands touch each other, and the objects, in one implicit system. All blocks between hands are loose blocks of the
-// matrix, so the factor has the block of one hand beside that of the other (docs/two-hands.md).
+// matrix. So the factor has the block of one hand beside that of the other (docs/two-hands.md).
 #pragma once
 
 #include <array>
@@ -141,8 +141,8 @@ class HandSimulation {
   /// and the same number of slots. The shapes in its slots must outlive this object.
   void take_state(const HandSimulation& other);
 
-  // A saved state (docs/flight-recorder.md). A simulation of the same hands and options that loads it continues with
-  // the same bits as the one that saved it, if that one calls `forget` at the same time.
+  // A saved state (docs/flight-recorder.md). A simulation of the same hands and options can load it. It continues with
+  // the same bits as the one that saved it, if that one calls `forget` when it saves.
   /// Writes the state and the memories of all terms and of the untanglers. Does not allocate.
   void save(ByteWriter& out) const;
   /// The caller has put the objects into their slots and the joints into their places, as they were. Throws

@@ -87,11 +87,11 @@ struct Composed {
   std::vector<double> fingers;
 };
 
-// RMS distance of the fingertips if the joint angles of each composed hand come from the best linear predictor. From
-// the last seven samples of a joint, it has a coefficient for each of six mean velocities, each times the first three
-// powers of the time that is predicted. They are fitted to the motion that is predicted, apart for each coordinate of
-// each joint. So no predictor of this kind that does not know the motion before is better: constant velocity or
-// acceleration, Kalman and alpha-beta filters of a joint.
+// RMS distance of the fingertips if the joint angles of each composed hand come from the best linear predictor. The
+// last seven samples of a joint give six mean velocities. Each is multiplied with the first three powers of the
+// predicted time, and each product has a coefficient. These are fitted to the predicted motion, apart for each
+// coordinate of each joint. So no linear predictor that does not know the motion before is better. Such predictors are
+// constant velocity or acceleration, and Kalman and alpha-beta filters of a joint.
 double best_linear_prediction(const Motion& motion, const std::vector<Composed>& hands) {
   constexpr int kSamples = 7, kPowers = 3, kCoefficients = kPowers * (kSamples - 1);
   const auto count = static_cast<Eigen::Index>(hands.size());

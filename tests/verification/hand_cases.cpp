@@ -68,8 +68,8 @@ std::vector<Measurement> spinning_box(const Parameters& p) {
 }
 
 // The palm is pressed on a block and dragged over it by 2 mm.
-// - `normal`, `across`: Common velocity of hand and block, m/s.
-// - `free`: 1 if the block is free on a plane that moves along, 0 if the block's motion is given.
+// - `normal`, `across`: common velocity of hand and block, m/s.
+// - `free`: 1: the block is free on a plane that moves along. 0: its motion is given.
 std::vector<Measurement> galilean_boost(const Parameters& p) {
   struct Run {
     std::vector<Vector3> forces;
