@@ -84,7 +84,11 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("soft_squeezed", o.soft.squeezed, "1", {0, 1},
            "A run of `softhand simulate` succeeds only if the least width of the first flexible object falls to this "
            "fraction of its first one. A width is the length of a line through the centre of mass, from surface to "
-           "surface. 0 = not asked for.");
+           "surface. Lines that leave it through an opening do not count. 0 = not asked for.");
+  v.number("soft_kept", o.soft.kept, "1", {0, 1},
+           "The same if this width does not fall below this fraction before the phase `squeeze`. 0 = not asked for.");
+  v.number("soft_lifted", o.soft.lifted, "m", {0, 10},
+           "The same if its centre of mass rises by this much. 0 = not asked for.");
   v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
            "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
            "go of it. 0 = not asked for.");

@@ -303,7 +303,16 @@ def sponge_ball():
                      "friction": 0.8}}
 
 
-OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, pen, die, sponge_ball)}
+def soft_cup():
+    # Foamed silicone, 56 mm wide, 60 mm high, wall and bottom 5 mm.
+    profile = divided([(0, 0)] + arc((0.025, 0.003), 0.003, -90, 0, 4) + arc((0.0255, 0.0575), 0.0025, 0, 180, 6)
+                      + arc((0.021, 0.007), 0.002, 0, -90, 3) + [(0, 0.005)], 0.005)
+    return {"soft": {"mesh": lathe(profile, 48), "nodes": 1000, "density": 500, "youngs_modulus": 3e5,
+                     "poisson_ratio": 0.3, "strain_limit_energy": 4000, "strain_limit_stiffness": 400,
+                     "friction": 0.8}}
+
+
+OBJECTS = {f.__name__: f for f in (mug, bottle, scissors, drawer, button, key, pen, die, sponge_ball, soft_cup)}
 
 
 def main():

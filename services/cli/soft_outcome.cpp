@@ -62,21 +62,25 @@ void SoftOutcome::on_state(const SoftObjectState& state) {
       backwards[i] = std::max(backwards[i], -place);
     }
   }
-  Sample sample{state.stamp.sample_time, std::numeric_limits<double>::infinity(), 0, state.contact_count,
-                state.inverted_elements > 0};
+  Sample sample{state.stamp.sample_time, to_vector(state.centre).y(), std::numeric_limits<double>::infinity(), 0,
+                state.contact_count,     state.inverted_elements > 0};
   for (std::size_t i = 0; i < kDirections; ++i) {
+    if (forwards[i] == 0 || backwards[i] == 0) continue;
     sample.least_width = std::min(sample.least_width, forwards[i] + backwards[i]);
     sample.greatest_width = std::max(sample.greatest_width, forwards[i] + backwards[i]);
   }
-  if (sample.least_width > 0) samples_.push_back(sample);  // else the centre is not inside
+  if (sample.greatest_width > 0) samples_.push_back(sample);
 }
 
 void SoftOutcome::on_contacts(const Contacts& contacts) {
   Force force{contacts.stamp.sample_time};
   for (const Contact& each : contacts.contacts)
     if (each.object == kFirstSoftObject && all_finite(each.force))
-      force.strongest = std::max(force.strongest, to_vector(each.force).norm());
-  if (force.strongest > 0) forces_.push_back(force);
+      force.point = std::max(force.point, to_vector(each.force).norm());
+  for (const FingerContact& each : contacts.fingers)
+    if (each.object == kFirstSoftObject && all_finite(each.force))
+      force.finger = std::max(force.finger, to_vector(each.force).norm());
+  if (force.point > 0) forces_.push_back(force);
 }
 
 nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal, const OutcomeFrame& frame) const {
@@ -91,43 +95,74 @@ nlohmann::ordered_json SoftOutcome::summary(const SoftGoal& goal, const OutcomeF
     }
     return json;
   }
+  const auto begin_of = [&](const char* name, Nanoseconds otherwise) {
+    for (const MotionPhase& phase : frame.phases)
+      if (phase.name == name) return frame.motion_start + static_cast<Nanoseconds>(1e9 * phase.begin);
+    return otherwise;
+  };
+  const Nanoseconds squeeze = begin_of("squeeze", end), lift = begin_of("lift", end), lower = begin_of("lower", end);
   const Sample& first = samples_.front();
   Sample last = first;
-  double least = first.least_width, strongest = 0;
+  double least = first.least_width, kept = first.least_width, highest = first.height;
   std::uint32_t most_contacts = 0;
   std::uint64_t inverted_steps = 0;
   for (const Sample& each : samples_) {
     if (each.time > end) break;
     least = std::min(least, each.least_width);
+    if (each.time <= squeeze) kept = least;
+    highest = std::max(highest, each.height);
     most_contacts = std::max(most_contacts, each.contacts);
     inverted_steps += each.inverted ? 1 : 0;
     last = each;
   }
-  for (const Force& each : forces_)
-    if (each.time <= end) strongest = std::max(strongest, each.strongest);
-  const double squeezed = least / first.least_width;
+  double point = 0, finger = 0, held = 0, held_count = 0;
+  for (const Force& each : forces_) {
+    if (each.time > end) break;
+    point = std::max(point, each.point);
+    finger = std::max(finger, each.finger);
+    if (each.time < lift || each.time >= lower) continue;
+    held += each.finger;
+    ++held_count;
+  }
+  const double squeezed = least / first.least_width, lifted = highest - first.height;
   const double off = std::max(std::abs(last.least_width / first.least_width - 1),
                               std::abs(last.greatest_width / first.greatest_width - 1));
   json["least_width_first_mm"] = first.least_width * 1e3;
   json["least_width_mm"] = least * 1e3;
+  json["kept_fraction"] = kept / first.least_width;
   json["squeezed_to_fraction"] = squeezed;
   json["end_off_fraction"] = off;
+  json["lifted_mm"] = lifted * 1e3;
   json["contacts_max"] = most_contacts;
-  json["point_force_max_n"] = strongest;
+  json["point_force_max_n"] = point;
+  json["finger_force_max_n"] = finger;
+  json["held_force_n"] = held_count > 0 ? nlohmann::ordered_json(held / held_count) : nullptr;
   json["inverted_steps"] = inverted_steps;
   if (!goal.any()) return json;
   bool success = true;
   std::string because;
+  const auto judge = [&](bool meets, const std::string& text) {
+    success = success && meets;
+    because += (because.empty() ? "" : "; ") + text;
+  };
+  if (goal.lifted > 0) {
+    judge(lifted >= goal.lifted,
+          fmt::format("the object was lifted by {:.1f} mm (asked: {:.1f} mm)", 1e3 * lifted, 1e3 * goal.lifted));
+  }
+  if (goal.kept > 0) {
+    judge(kept >= goal.kept * first.least_width,
+          fmt::format("it kept {:.1f} % of its width until the squeeze (asked: {:.1f} %), held with {:.2f} N",
+                      100 * kept / first.least_width, 100 * goal.kept, held_count > 0 ? held / held_count : 0));
+  }
   if (goal.squeezed > 0) {
-    success = squeezed <= goal.squeezed;
-    because = fmt::format("the object was squeezed to {:.1f} % of its width (asked: {:.1f} %)", 100 * squeezed,
-                          100 * goal.squeezed);
+    judge(squeezed <= goal.squeezed,
+          fmt::format("the object was squeezed to {:.1f} % of its width (asked: {:.1f} %), with up to {:.2f} N",
+                      100 * squeezed, 100 * goal.squeezed, finger));
   }
   if (goal.recovers > 0) {
-    success = success && off <= goal.recovers && last.contacts == 0;
-    because += fmt::format("{}its widths at the end differ by {:.2f} % from the first ones (allowed: {:.1f} %){}",
-                           because.empty() ? "" : "; ", 100 * off, 100 * goal.recovers,
-                           last.contacts > 0 ? "; the hand still touched it" : "; the hand let go of it");
+    judge(off <= goal.recovers && last.contacts == 0,
+          fmt::format("its widths at the end differ by {:.2f} % from the first ones (allowed: {:.1f} %); {}", 100 * off,
+                      100 * goal.recovers, last.contacts > 0 ? "the hand still touched it" : "the hand let go of it"));
   }
   json["success"] = success;
   json["success_because"] = because;

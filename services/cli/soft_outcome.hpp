@@ -14,11 +14,13 @@ namespace softhand {
 struct OutcomeFrame;
 
 /// What a scene asks of its first flexible object. Zero = not asked for. A width is the length of a line through the
-/// centre of mass, from surface to surface.
+/// centre of mass, from surface to surface. Lines that leave the object through an opening do not count.
 struct SoftGoal {
+  double lifted = 0;    ///< m, by which its centre of mass rises
+  double kept = 0;      ///< until the phase `squeeze` its least width is at least this fraction of its first one
   double squeezed = 0;  ///< its least width falls to this fraction of its first one, or below
   double recovers = 0;  ///< at the end, least and greatest width differ from the first ones by at most this fraction
-  bool any() const { return squeezed > 0 || recovers > 0; }
+  bool any() const { return lifted > 0 || kept > 0 || squeezed > 0 || recovers > 0; }
 };
 
 /// Not for real-time threads.
@@ -36,13 +38,15 @@ class SoftOutcome {
  private:
   struct Sample {
     Nanoseconds time = 0;
+    double height = 0;                           // m, of the centre of mass
     double least_width = 0, greatest_width = 0;  // m, of the lines through the centre of mass
     std::uint32_t contacts = 0;                  // points between the hand and the object
     bool inverted = false;
   };
   struct Force {
     Nanoseconds time = 0;
-    double strongest = 0;  // N, of one touching point
+    double point = 0;   // N, largest of one touching point
+    double finger = 0;  // N, largest of one finger
   };
   std::uint32_t nodes_;
   std::vector<std::array<std::int32_t, 3>> surface_;

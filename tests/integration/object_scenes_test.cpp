@@ -72,9 +72,9 @@ TEST(BudgetedScenes, AHeldPinchIsSeldomTruncated) {
               0.01);
 }
 
-TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
-  const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/sponge.toml",
-                                 {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
+// What is found about the first flexible object of a scene.
+nlohmann::ordered_json played_soft(const char* name, const std::vector<std::string>& overrides) {
+  const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/" + name + ".toml", overrides);
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);
   VirtualRig rig(scene, hand, std::make_unique<ReplayTracker>(motion, scene.options.tracker, hand_key(scene)));
@@ -86,6 +86,18 @@ TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
   const auto summary = soft.summary(scene.options.judge.soft, outcome_frame(scene, VirtualRig::kStart));
   EXPECT_EQ(summary["success"], true) << summary["success_because"];
   EXPECT_EQ(summary["refused_states"], 0);
+  return summary;
+}
+
+TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
+  played_soft("sponge", {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
+}
+
+TEST(SoftScenes, ACupIsHeldWithOneNewtonAndCrushedWithEight) {
+  const auto summary = played_soft("soft_cup", {"hand.model=right_400.hand.json"});
+  EXPECT_NEAR(summary["held_force_n"].get<double>(), 1, 0.15);
+  EXPECT_NEAR(summary["finger_force_max_n"].get<double>(), 8, 1);
+  EXPECT_EQ(summary["inverted_steps"], 0);
 }
 
 std::vector<Play> plays() {

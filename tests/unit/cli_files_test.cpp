@@ -260,7 +260,7 @@ TEST_F(FilesTest, ShippedDemosRunLiveWithoutEnd) {
     EXPECT_LE(demo.watch.size(), 110u) << demo.name << ": one line of a terminal";
   }
   EXPECT_EQ(names, (std::set<std::string>{"bottle", "button", "drawer", "fist", "free_motion", "grasp", "mug", "pinch",
-                                          "scissors", "shake", "sponge"}));
+                                          "scissors", "shake", "soft_cup", "sponge"}));
 }
 
 TEST_F(FilesTest, DemosAreTheScenesWithTheKeyWatch) {

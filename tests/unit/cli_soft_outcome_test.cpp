@@ -65,6 +65,56 @@ TEST(SoftOutcome, MeasuresHowFarAnObjectWasSqueezedAndHowItRecovers) {
   EXPECT_EQ(cube.judge({.squeezed = 0.3})["success"], false);
 }
 
+// A block of 3 x 3 x 3 cells without the two upper ones in the middle: upwards, lines from its centre meet nothing.
+TEST(SoftOutcome, LinesThroughAnOpeningAreNoWidths) {
+  auto cup =
+      std::make_shared<SoftBody>(*testing::soft_box({3, 3, 3}, Vector3::Constant(0.03), testing::soft_material(1e4)));
+  std::erase_if(cup->tetrahedra, [&](const auto& tetrahedron) {
+    Vector3 middle = Vector3::Zero();
+    for (const auto corner : tetrahedron) middle += 0.25 * cup->nodes[static_cast<std::size_t>(corner)];
+    return std::abs(middle.x()) < 0.005 && std::abs(middle.z()) < 0.005 && middle.y() > -0.005;
+  });
+  SoftOutcome outcome(*cup);
+  SoftObjectState state;
+  state.object = kFirstSoftObject;
+  state.stamp.sample_time = kStart;
+  for (const Vector3& node : cup->nodes) state.nodes.push_back(to_floats(node));
+  outcome.on_state(state);
+  const Json json = outcome.summary({}, OutcomeFrame{});
+  EXPECT_NEAR(json["least_width_first_mm"].get<double>(), 30, 1);
+}
+
+TEST(SoftOutcome, JudgesTheLiftAndTheWidthUntilTheSqueeze) {
+  SqueezedCube cube;
+  for (int i = 0; i <= 40; ++i) {
+    const double t = 0.05 * i;  // lifted from 0 s on, lowered from 1 s on, and squeezed from 1.5 s on
+    SoftObjectState state = cube.state(t, t > 1.5 ? 0.5 : t > 1 ? 0.9 : 0.95, 1);
+    state.centre = {0, t < 1 ? 0.05 * t : 0, 0};
+    if (i == 0) state = cube.state(t, 1, 0);
+    cube.outcome.on_state(state);
+    Contacts contacts;
+    contacts.stamp.sample_time = at(t);
+    contacts.contacts.push_back({.object = kFirstSoftObject, .force = {0, 0, 1}});
+    contacts.fingers[0] = {.force = {0, 0, t < 1 ? 1.0 : 8.0}, .object = kFirstSoftObject};
+    contacts.fingers[1] = {.force = {0, 0, 20}, .object = 3};
+    cube.outcome.on_contacts(contacts);
+  }
+  const auto judged = [&](const SoftGoal& goal) {
+    OutcomeFrame frame;
+    frame.motion_start = kStart;
+    frame.phases = {{"lift", 0, 0.5}, {"hold", 0.5, 1}, {"lower", 1, 1.5}, {"squeeze", 1.5, 2}};
+    return cube.outcome.summary(goal, frame);
+  };
+  const Json json = judged({.lifted = 0.045, .kept = 0.85, .squeezed = 0.55});
+  EXPECT_EQ(json["success"], true) << json["success_because"];
+  EXPECT_NEAR(json["lifted_mm"].get<double>(), 47.5, 1e-9);
+  EXPECT_NEAR(json["kept_fraction"].get<double>(), 0.9, 0.01);
+  EXPECT_DOUBLE_EQ(json["held_force_n"].get<double>(), 1);
+  EXPECT_DOUBLE_EQ(json["finger_force_max_n"].get<double>(), 8);
+  EXPECT_EQ(judged({.lifted = 0.05})["success"], false);
+  EXPECT_EQ(judged({.kept = 0.92})["success"], false);
+}
+
 TEST(SoftOutcome, AnObjectThatStaysFlatHasNotRecovered) {
   SqueezedCube cube;
   cube.play(0.9);

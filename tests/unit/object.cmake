@@ -8,7 +8,7 @@ endif()
 if(TARGET softhand-build-object)
   find_program(PYTHON3 python3 REQUIRED)
   set(objects ${PROJECT_SOURCE_DIR}/config/objects)
-  foreach(object die key button sponge_ball)
+  foreach(object die key button sponge_ball soft_cup)
     set(made ${PROJECT_BINARY_DIR}/objects/${object}.object.json)
     add_test(NAME object_script_${object}
              COMMAND sh -c "mkdir -p ${PROJECT_BINARY_DIR}/objects && ${PYTHON3} ${objects}/make_objects.py \

@@ -238,6 +238,30 @@ TEST_P(ShippedGrip, MotionsAreGentleInRangeAndRepeatable) {
   }
 }
 
+TEST_P(ShippedGrip, APinchSqueezesAfterItHasPutTheObjectDown) {
+  GeneratorOptions options;
+  options.object_position = {0, 0, 0};
+  options.object_width = 0.056;
+  options.free_below = 0.006;
+  options.closing_depth = 0.0025;
+  options.squeeze_depth = 0.0255;
+  options.turn_angle = 0;
+  const HandModel hand = load(GetParam());
+  const auto motion = make_motion(hand, options);
+  for (const MotionPhase& phase : motion->phases()) {
+    const JointFrames frames = motion->at(phase.end);
+    const double gap = touch(hand, Finger::thumb, frames, -Vector3::UnitZ()).z() -
+                       touch(hand, Finger::index, frames, Vector3::UnitZ()).z();
+    if (phase.name == "close" || phase.name == "place") {
+      EXPECT_NEAR(gap, 0.051, 1e-3) << phase.name;
+    } else if (phase.name == "squeeze") {
+      EXPECT_NEAR(gap, 0.005, 1e-3);
+    }
+  }
+  const auto phases = motion->phases();
+  EXPECT_EQ(std::count_if(phases.begin(), phases.end(), [](const auto& each) { return each.name == "squeeze"; }), 1);
+}
+
 TEST_P(ShippedGrip, ABracedPinchHasTheBackOfTheMiddleFingerOnTheVessel) {
   GeneratorOptions options;  // the handle of mug.toml
   options.object_position = {0, 0, 0};

@@ -90,13 +90,13 @@ class GraspMotion : public Motion {
     const GeneratorOptions& o = options_;
     Place first;
     if (o.approach_time <= 0) first.away = 0;
-    if (o.close_time <= 0) first.openness = 0;
+    if (o.close_time <= 0) first.openness = grip_.gripping;
     places_ = {first};
     const auto add = [this](const char* name, double duration, double Place::*what, double value) {
       if (duration > 0) add_phase(name, duration, what, value);
     };
     add("approach", o.approach_time, &Place::away, 0);
-    add("close", o.close_time, &Place::openness, 0);
+    add("close", o.close_time, &Place::openness, grip_.gripping);
     add_pause("settle", o.settle_time);
     add("lift", o.lift_time, &Place::height, o.lift_height);
     add_pause("hold", o.hold_time);
@@ -107,6 +107,7 @@ class GraspMotion : public Motion {
     add("lower", o.lower_time, &Place::height,
         places_.back().height - o.lift_height - o.lower_depth + o.release_height);
     add_pause("place", o.place_time);
+    if (grip_.gripping > 0) add("squeeze", o.squeeze_time, &Place::openness, 0);
     add("release", o.release_time, &Place::openness, 1);
     add("retreat", o.retreat_time, &Place::away, 1);
   }
@@ -182,9 +183,13 @@ void place_in_world(Grip& grip, const GeneratorOptions& o, const Vector3& approa
 
 std::unique_ptr<Motion> make_motion(const HandModel& hand, const GeneratorOptions& options) {
   const bool pinches = options.motion == "pinch" || options.motion == "unscrew" || options.motion == "scissors";
-  if (pinches && options.stagger == 0 && 2 * options.closing_depth >= options.object_width) {
-    throw std::invalid_argument("generator: closing_depth: expected less than half of object_width");
+  for (const auto& [depth, key] :
+       {std::pair{options.closing_depth, "closing_depth"}, std::pair{options.squeeze_depth, "squeeze_depth"}}) {
+    if (pinches && options.stagger == 0 && 2 * depth >= options.object_width)
+      throw std::invalid_argument(std::string("generator: ") + key + ": expected less than half of object_width");
   }
+  if (options.squeeze_depth > 0 && options.motion != "pinch")
+    throw std::invalid_argument("generator: squeeze_depth: expected 0, because only a pinch squeezes");
   if (!(std::abs(to_quaternion(options.orientation).norm() - 1) < 1e-3))
     throw std::invalid_argument("generator: orientation: expected a unit quaternion xyzw");
   for (const auto& [axis, key] :

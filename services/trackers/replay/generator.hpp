@@ -22,6 +22,7 @@ struct GeneratorOptions {
   double body_radius = 0;
   double brace_depth = 0;
   double closing_depth = 0.004;
+  double squeeze_depth = 0;
   double opening = 0.02;
   double yaw = 0;
   double tilt = 0;
@@ -51,6 +52,7 @@ struct GeneratorOptions {
   double return_time = 0;
   double lower_time = 1.0;
   double place_time = 0.5;
+  double squeeze_time = 1.0;
   double release_time = 0.6;
   double retreat_time = 0.8;
   double free_time = 10;
@@ -85,6 +87,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   v.number("closing_depth", o.closing_depth, "m", {0, 0.03},
            "Depth of each tracked pad below the surface. The coupling converts it to grip force. In a clap, the way of "
            "each tracked palm beyond the middle; with interlace, that of the middle fingertip.");
+  v.number("squeeze_depth", o.squeeze_depth, "m", {0, 0.03},
+           "Depth of each tracked pad in a squeeze after the object was put down (pinch). 0 = no squeeze.");
   v.number("opening", o.opening, "m", {0, 0.05}, "Distance between each open finger and the surface.");
   v.number("yaw", o.yaw, "rad", {-10, 10},
            "Direction of the grip about the vertical. 0 = from thumb to index along -Z.");
@@ -131,7 +135,8 @@ inline void describe(OptionVisitor& v, GeneratorOptions& o) {
   time("turn_time", o.turn_time, "Duration of the turn.");
   time("return_time", o.return_time, "Duration of turning back after the turn. 0 = the turn stays.");
   time("lower_time", o.lower_time, "Duration of putting down.");
-  time("place_time", o.place_time, "Pause between putting down and release.");
+  time("place_time", o.place_time, "Pause after putting down.");
+  time("squeeze_time", o.squeeze_time, "Duration of the squeeze from closing_depth to squeeze_depth.");
   time("release_time", o.release_time, "Duration of the opening.");
   time("retreat_time", o.retreat_time, "Duration of the retreat.");
   time("free_time", o.free_time, "Duration of fist, rub and free_motion.");

@@ -11,6 +11,7 @@ namespace softhand {
 
 struct Grip {
   std::vector<JointAngles> apertures;     ///< from closed (first) to open (last); interpolate linearly
+  double gripping = 0;                    ///< openness of the grip: 0, or more if the hand closes further in a squeeze
   Pose wrist;                             ///< world; closed, with the object in its first place
   Vector3 open_offset = Vector3::Zero();  ///< offset of the wrist when the hand is open, world
   Vector3 approach_offset;                ///< from the wrist of the open hand to the start of the approach, world

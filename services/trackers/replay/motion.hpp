@@ -19,8 +19,8 @@ inline Pose palm_between(const Pose& middle_metacarpal, const Pose& middle_proxi
 
 /// A named part of a motion, in seconds from its start.
 struct MotionPhase {
-  std::string name;  ///< approach, close, settle, lift, hold, shake, turn, turn_other, return, lower, place, release,
-                     ///< retreat; open
+  std::string name;  ///< approach, close, settle, lift, hold, shake, turn, turn_other, return, lower, place, squeeze,
+                     ///< release, retreat; open
   double begin = 0;
   double end = 0;
 };

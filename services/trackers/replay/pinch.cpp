@@ -297,19 +297,13 @@ std::string unreached(const PinchGoals& goals, const Touches& shut, const Touche
 // is solved with a fixed wrist.
 Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const GripHand hand(model);
-  const double half = 0.5 * o.object_width;
-  PinchGoals goals{half,
-                   std::max(half, 0.5 * o.object_length),
-                   half - o.closing_depth,
-                   half + o.opening,
-                   o.closing_depth,
-                   o.lower_depth,
-                   o.tilt,
-                   o.free_below,
-                   o.stagger,
-                   o.body_distance,
-                   o.body_radius,
-                   o.brace_depth};
+  const double half = 0.5 * o.object_width, deepest = std::max(o.closing_depth, o.squeeze_depth);
+  PinchGoals goals{half,           std::max(half, 0.5 * o.object_length),
+                   half - deepest, half + o.opening,
+                   deepest,        o.lower_depth,
+                   o.tilt,         o.free_below,
+                   o.stagger,      o.body_distance,
+                   o.body_radius,  o.brace_depth};
   const JointAngles facing = facing_pads(hand, 2 * goals.closed);
   // Only the opening may be smaller than requested. A smaller opening still grips, but an impossible one would spoil
   // the grip.
@@ -328,6 +322,7 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   const Touches shut(hand, best.wrist, best.shut), wide(hand, best.wrist, best.wide);
   Grip grip;
   grip.wrist = best.wrist;
+  grip.gripping = (deepest - o.closing_depth) / (0.5 * (wide.gap() - shut.gap()));
   for (std::size_t k = 0; k < kApertures; ++k) {
     const double s = static_cast<double>(k) / (kApertures - 1);
     JointAngles between = best.shut;
