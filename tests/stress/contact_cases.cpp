@@ -13,6 +13,7 @@
 #include "hand/hand_loop.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "scene/finger_gap.hpp"
 #include "stress/cases.hpp"
 #include "stress/grasp.hpp"
 #include "stress/hand_events.hpp"
@@ -35,6 +36,41 @@ Findings strong_pinch(double factor) {
   result.findings.demand_at_least("pressed", "force of a finger",
                                   *std::max_element(result.pad_forces.begin(), result.pad_forces.end()), 4, "N");
   return result.findings;
+}
+
+// The middle finger starts turned about its first joint by `angle` rad, so that it is inside the index finger or beyond
+// it. All bones are pulled to their rest poses.
+Findings interlocked_fingers(double angle) {
+  Release release;
+  double gap = 0;  // m
+  release.options.skin_contact = true;
+  release.overlapping = true;
+  release.disturb = [&](State& state) {
+    const auto first = static_cast<std::size_t>(index_of(Body::middle_proximal));
+    const Vector3 joint = release.hand.rest_joints[slot_of(joint_of(Body::middle_proximal))].position;
+    const Quaternion turn = rotation_exp(Vector3(0, angle, 0));  // towards the index finger
+    for (std::size_t b = first; b <= static_cast<std::size_t>(index_of(Body::middle_distal)); ++b) {
+      Pose& pose = state.body_poses[b];
+      pose = {joint + turn * (pose.position - joint), turn * pose.orientation};
+    }
+    for (int n = 0; n < release.hand.node_count(); ++n) {
+      if (finger_of(static_cast<Body>(release.hand.node_body[static_cast<std::size_t>(n)])) != Finger::middle) continue;
+      const Vector3 from_joint = state.node_positions.col(n) - joint;
+      state.node_positions.col(n) = joint + turn * from_joint;
+    }
+    gap = finger_gap(release.hand, state);
+  };
+  double fastest = 0;  // m/s
+  std::size_t touching = 0;
+  release.after_step = [&](const HandSimulation& simulation) {
+    fastest = std::max(fastest, simulation.state().node_velocities.colwise().norm().maxCoeff());
+    touching = simulation.skin()->anchors().size();
+  };
+  Findings findings = let_go(release);
+  findings.demand("apart", "points of the skin that touch skin at the end", static_cast<double>(touching), 0, "1");
+  findings.demand("inside", "gap between the fingers at the start", gap * 1e3, -1, "mm");
+  findings.demand("bang", "largest speed of the tissue", fastest, 10, "m/s");
+  return findings;
 }
 
 Findings held_for(double mass, double seconds) {
@@ -341,6 +377,12 @@ std::vector<Case> contact_cases() {
       .push_back({"1000 kg", [] { return with_cube({"objects.cube.mass=1000"}, false); }});
   cases.add("deep_start", "the nodes leave the block at less than 1 m/s")
       .push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
+  rows = &cases.add("fingers_interlocked_at_start", "the middle finger starts turned into the index finger: they part");
+  for (const double degrees : {36.0, 40.0, 50.0, 60.0})
+    rows->push_back({named("angle", degrees, "degrees"),
+                     [=] { return interlocked_fingers(degrees * kDegree); },
+                     {},
+                     degrees == 60});
   rows = &cases.add("thin_plate", "a plate of 0.5 mm at 5 m/s and 60 Hz: the finger never tunnels through it");
   rows->push_back({"plate moves, 1000 trials", [] { return thin_plate(true, 1000); }});
   rows->push_back({"finger moves, 1000 trials", [] { return thin_plate(false, 1000); }});

@@ -96,7 +96,7 @@ void hold_bones(HandSimulation& simulation, const Displacement& motion) {
 }
 
 Findings let_go(const Release& release) {
-  HandSimulation simulation(release.hand, {}, 1, 1);
+  HandSimulation simulation(release.hand, release.options, 1, 1);
   simulation.enable_ledger(true);
   hold_bones(simulation, {});
   const Eigen::Matrix3Xd rest = simulation.state().node_positions;
@@ -105,10 +105,12 @@ Findings let_go(const Release& release) {
   simulation.restore(disturbed);
   const double before = rms_distance(simulation.state(), rest);
   HandWatch watch;
+  watch.count_anchoring_as_work(release.overlapping);
   double after_second = before;
   for (int step = 1; step <= 270; ++step) {
     const StepReport report = simulation.step(kStep);
     watch.after_step(simulation, report, kStep);
+    release.after_step(simulation);
     const double distance = rms_distance(simulation.state(), rest);
     if (step == 90) after_second = distance;
     // The hand is at rest. No input can move it again.

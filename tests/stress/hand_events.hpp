@@ -38,7 +38,10 @@ void hold_bones(HandSimulation& simulation, const Displacement& motion);
 /// bones. The findings are G3 and all demands of HandWatch.
 struct Release {
   HandModel hand = shipped_hand();
+  SimulationOptions options{};
   std::function<void(State&)> disturb;
+  bool overlapping = false;  ///< skin starts inside other skin; G2 counts the overlap as work put in
+  std::function<void(const HandSimulation&)> after_step = [](const HandSimulation&) {};
 };
 Findings let_go(const Release& release);
 

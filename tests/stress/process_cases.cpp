@@ -7,7 +7,10 @@
 #include <map>
 #include <thread>
 
+#include "bus/bus.hpp"
+#include "bus/topics.hpp"
 #include "integration/rig_harness.hpp"
+#include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "stress/cases.hpp"
 #include "support/own_domain.hpp"
@@ -28,10 +31,11 @@ struct OwnDomain {
   OwnDomain() { testing::use_own_domain(); }
 };
 
-/// A running rig. Its hand touches the post and follows its tracker.
+/// A running rig. Its hand touches something and follows its tracker.
 class RunningRig : OwnDomain {
  public:
-  RunningRig() : up_(kTouch, {}) {
+  explicit RunningRig(const char* file = kTouch, const std::vector<std::string>& arguments = {})
+      : up_(file, arguments) {
     const bool runs = listener.wait(30s, [&] {
       return std::all_of(kModules.begin(), kModules.end(),
                          [&](const char* module) { return listener.process_id(module) > 0; }) &&
@@ -65,20 +69,63 @@ class RunningRig : OwnDomain {
   rig::Up up_;
 };
 
-Findings killed(const char* module) {
-  constexpr double kLive = 1000;  // ms
-  RunningRig rig;
-  const std::uint64_t epoch = rig.listener.modules.at(module).stamp.epoch;
+// Kills the module. The time from then to its first status with another epoch, ms; NaN: there was none within 10 s.
+double kill_and_wait(RunningRig& rig, const char* module) {
+  const auto status = [&]() -> const LoopStatus& { return rig.listener.modules.at(module); };
+  const std::uint64_t epoch = status().stamp.epoch;
   const Nanoseconds when = now();
   rig.signal(module, SIGKILL);
-  const auto status = [&]() -> const LoopStatus& { return rig.listener.modules.at(module); };
   const bool lives = rig.listener.wait(10s, [&] { return status().stamp.epoch != epoch; });
-  const double after = lives ? milliseconds(when, status().stamp.publish_time) : std::nan("");
+  return lives ? milliseconds(when, status().stamp.publish_time) : std::nan("");
+}
+constexpr double kLive = 1000;  // ms
+constexpr const char* kLiveText = "kill to the first status with another epoch";
+
+Findings killed(const char* module) {
+  RunningRig rig;
+  const Nanoseconds when = now();
+  const double after = kill_and_wait(rig, module);
   const bool follows = rig.listener.wait(10s, [&] { return rig.follows(when); });
   Findings findings;
   rig.judge(findings);
   findings.demand("follows", "runs in which the hand does not follow again", follows ? 0 : 1, 0, "1");
-  findings.demand("live within 1 s, new epoch", "kill to the first status with another epoch", after, kLive, "ms");
+  findings.demand("live within 1 s, new epoch", kLiveText, after, kLive, "ms");
+  return findings;
+}
+
+// The hand's process is killed while thumb and index finger squeeze a flexible ball. It simulates the ball, too.
+Findings soft_object_dropped() {
+  RunningRig rig("config/rigs/demo.toml", {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set",
+                                           "hand.model=right_400.hand.json", "--set", "viewer.port=0", "--set",
+                                           "hand.simulation.solver.work_budget=8"});
+  bus::Participant participant("soft-stress");
+  bus::Reader<SoftObjectState> reader(participant, bus::topics::soft_object_state);
+  SoftObjectState ball;
+  bool finite = true;
+  const auto waits = [&](std::chrono::milliseconds time, auto&& done) {
+    return rig.listener.wait(time, [&] {
+      reader.take_all([&](const SoftObjectState& each) {
+        ball = each;
+        finite = finite && to_vector(each.centre).allFinite() &&
+                 std::all_of(each.nodes.begin(), each.nodes.end(),
+                             [](const auto& node) { return to_vector(node).allFinite(); });
+      });
+      return done();
+    });
+  };
+  const auto squeezed = [&] { return ball.contact_count >= 10; };
+  if (!waits(30s, squeezed)) throw std::runtime_error("the ball was not squeezed");
+  const std::uint64_t epoch = ball.stamp.epoch;
+  const double after = kill_and_wait(rig, "hand");
+  const bool again = waits(30s, [&] { return ball.stamp.epoch != epoch && squeezed(); });
+  Findings findings;
+  rig.judge(findings);
+  findings.demand("G1", "messages of the ball with numbers that are not finite", finite ? 0 : 1, 0, "1",
+                  Class::diverged);
+  findings.demand("squeezed again", "runs in which the hand does not squeeze it again", again ? 0 : 1, 0, "1");
+  findings.demand("whole", "inverted tetrahedra in the second squeeze", ball.inverted_elements, 0, "1",
+                  Class::inverted);
+  findings.demand("live within 1 s, new epoch", kLiveText, after, kLive, "ms");
   return findings;
 }
 
@@ -139,6 +186,10 @@ std::vector<Case> process_cases() {
       "killed", "kill -9 on a process of a running rig: live within 1 s under a new epoch, and the hand follows");
   for (const char* module : {"hand", "world", "tracking", "tracker"})
     rows->push_back({module, [module] { return killed(module); }, {}, false, true});
+  cases
+      .add("soft_object_dropped",
+           "kill -9 on the hand while it squeezes a flexible ball: live within 1 s, and the ball is squeezed again")
+      .push_back({"hand", [] { return soft_object_dropped(); }, {}, false, true});
   cases.add("stopped", "SIGSTOP on the hand's process: after SIGCONT at most one catch-up step, and the hand follows")
       .push_back({"2 s", [] { return stopped(); }, {}, false, true});
   cases.add("starved", "two busy threads per core: each step is made or counted as missed")

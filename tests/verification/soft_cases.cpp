@@ -1,4 +1,5 @@
-// Flexible objects in the hand's simulation: a cube under its own weight, and spheres in Hertz contact.
+// Flexible objects in the hand's simulation: a cube under its own weight, a beam on two fingers, and spheres in Hertz
+// contact.
 #include <algorithm>
 #include <map>
 #include <memory>
@@ -23,12 +24,13 @@ constexpr double kThickness = 0.02;  // m, half of a plate
 
 // A simulation whose hand is far away, with static plates in its slots.
 std::unique_ptr<HandSimulation> far_from_the_hand(std::vector<SoftObject> objects, int plates,
-                                                  double residual_tolerance) {
+                                                  double residual_tolerance, const char* factor = "float") {
   SimulationOptions options;
   options.solver.max_iterations = 200;
   options.solver.residual_tolerance = residual_tolerance;
   options.solver.movement_tolerance = 1;
   options.solver.increment_tolerance = 1e-13;
+  options.solver.factor = factor;
   auto simulation = std::make_unique<HandSimulation>(testing::block_hand(), options, 0, plates, ObjectSpring{}, 0,
                                                      std::move(objects));
   simulation->reposition({.position = {0, 2, 0}});
@@ -76,6 +78,66 @@ std::vector<Measurement> cube_under_its_weight(const Parameters& p) {
   const double sink = kDensity * kGravity * kEdge / SimulationOptions().contact_stiffness;
   if (reference > 10 * sink) rows.push_back({"shortening", kEdge - height, reference, 0.01 * reference, "m", {}});
   return rows;
+}
+
+// A beam lies on two fixed fingers, on rows of nodes. One finger has friction, so that the beam neither slides nor
+// is held along its axis. Returns the sag of its middle below the fingers, at half its height, and the fingers' share
+// of the weight.
+struct Sag {
+  double sag, on_fingers;
+};
+constexpr double kSpan = 0.08, kOverhang = 0.01, kHeight = 0.01, kFinger = 0.008;  // m
+
+Sag sag_of_beam(double modulus, int cells) {
+  const double length = kSpan + 2 * kOverhang, width = 0.5 * kHeight;
+  const int along = static_cast<int>(std::lround(length / kHeight)) * cells;
+  // With nu = 0 nothing depends on the place across the beam, so one brick is enough there.
+  const auto body = soft_box({along, cells, 1}, {length, kHeight, width}, soft_material(modulus, 0.0, kDensity));
+  SoftObject beam{"beam", body, Pose{.position = {0, 0.5 * kHeight, 0}}, Vector3(0, -kGravity, 0)};
+  // A float factor takes twenty times as long: bending is far softer than stretching.
+  const auto simulation = far_from_the_hand({beam}, 2, 1e-7, "double");
+  static const ShapeGeometry finger = [] {
+    Shape shape;
+    shape.kind = static_cast<std::uint32_t>(ShapeKind::capsule);
+    shape.size = {kFinger, 0.02, 0};
+    return ShapeGeometry(shape);
+  }();
+  const Quaternion across(Eigen::AngleAxisd(0.5 * M_PI, Vector3::UnitX()));
+  for (int slot = 0; slot < 2; ++slot) {
+    simulation->set_slot(slot, {.id = 1, .shape = &finger, .friction = slot == 0 ? 0.8 : 0});
+    simulation->set_slot_motion(slot, {{(slot - 0.5) * kSpan, -kFinger, 0}, across}, {});
+  }
+  for (int i = 0; i < 40; ++i) simulation->step(0.05);
+  const auto height = [&](double x) {
+    double sum = 0, count = 0;
+    for (std::size_t n = 0; n < body->nodes.size(); ++n) {
+      if (std::abs(body->nodes[n].x() - x) > 1e-9 || std::abs(body->nodes[n].y()) > 1e-9) continue;
+      sum += simulation->state().node_positions(1, simulation->soft()->first_node(0) + static_cast<Eigen::Index>(n));
+      ++count;
+    }
+    return sum / count;
+  };
+  const double weight = simulation->soft()->mass(0) * kGravity;
+  return {0.5 * (height(-0.5 * kSpan) + height(0.5 * kSpan)) - height(0),
+          -(simulation->contact_wrench(0).force.y() + simulation->contact_wrench(1).force.y()) / weight};
+}
+
+std::vector<Measurement> beam_on_two_fingers(const Parameters& p) {
+  const double modulus = p["E"];
+  const int cells = p.whole("cells");
+  const Sag coarse = sag_of_beam(modulus, cells), middle = sag_of_beam(modulus, 2 * cells),
+            fine = sag_of_beam(modulus, 4 * cells);
+  // Linear elements are too stiff in bending, in proportion to the square of their size. So the limit is that of 1/sag.
+  const Richardson result = extrapolate(1 / coarse.sag, 1 / middle.sag, 1 / fine.sag, 2);
+  // Timoshenko's beam: bending with two overhangs, and shear with kappa = 5/6 (Cowper 1966, nu = 0).
+  const double load = kDensity * kGravity / (modulus * kHeight * kHeight);  // q/(12 E I) = q/(E A) / h^2, 1/m^3
+  const double span2 = kSpan * kSpan, overhang2 = kOverhang * kOverhang;
+  const double bending = 12 * load * span2 * (5 * span2 - 24 * overhang2) / 384;
+  const double shear = load * kHeight * kHeight * span2 / (8 * (5.0 / 6) * 0.5);
+  const double reference = bending + shear;
+  return {{"sag between the fingers, limit of the mesh", 1 / result.limit, reference, 0.01 * reference, "m",
+           Order{result.order, 2, 0.2}},
+          {"force on the fingers over the weight", fine.on_fingers, 1, 0.01, "1", {}}};
 }
 
 // Layers of a subdivided icosahedron around a middle node, which is node 0. Each prism between two layers is three
@@ -213,6 +275,11 @@ std::vector<Case> soft_cases() {
            "shortening = rho g h^2/(2 E) with nu = 0; force on the table = m g",
            {{{"E", 1e4}}, {{"E", 1e3}}, {{"E", 1e5}}, {{"E", 1e6}}, {{"E", 1e7}}},
            cube_under_its_weight,
+           1},
+          {"soft_beam_on_two_fingers",
+           "sag = q s^2 (5 s^2 - 24 a^2)/(384 E I) + q s^2/(8 kappa G A), s: span, a: overhang, kappa = 5/6, nu = 0",
+           {{{"E", 1e6}, {"cells", 2}}, {{"E", 1e7}, {"cells", 2}}},
+           beam_on_two_fingers,
            1},
           {"soft_sphere_hertz", "F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5, d: approach of the middle to the plate", spheres,
            soft_hertz, 1},
