@@ -12,7 +12,6 @@
 namespace softhand::confidence_test {
 namespace {
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 double seconds(Nanoseconds now) { return static_cast<double>(now - VirtualRig::kStart) * 1e-9; }
 
 constexpr double kFrom = 4;  // s; the cube is held from 3.3 s on
@@ -44,7 +43,7 @@ class DoubtfulTracker final : public TrackerSource, private TrackerSink {
     const double away = std::fmod(since, 0.5) < 0.25 ? 1 : -1;
     for (const Joint doubted : doubt_.joints) {
       if (since < 0) break;
-      JointSample& joint = changed.joints[at(doubted)];
+      JointSample& joint = changed.joints[slot_of(doubted)];
       joint.confidence = doubt_.confidence;
       if (!doubt_.is_wrong) continue;
       joint.position[0] += 0.006 * away;

@@ -23,7 +23,6 @@ namespace fs = std::filesystem;
 using testing::bone_length;
 using testing::CalibratingPerson;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 const std::string kHand = "/config/hands/right_400.hand.json";
 const HandModel& shipped_hand() {
   static const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR + kHand);
@@ -97,13 +96,13 @@ TEST(Calibration, MeasuresTheLengthsOfEveryBone) {
       const HandModel user =
           fitted(side == Side::right ? shipped_hand() : mirrored(shipped_hand()), measurement.measure(side));
       double worst = 0;
-      for (std::size_t j = at(Joint::thumb_metacarpal); j < kJointCount; ++j) {
+      for (std::size_t j = slot_of(Joint::thumb_metacarpal); j < kJointCount; ++j) {
         const double expected = bone_length(hand.rest_joints, j);
         worst = std::max(worst, std::abs(bone_length(user.rest_joints, j) / expected - 1));
       }
       std::printf("%s: worst error of a length %.4f %%\n", noisy ? "with noise" : "without noise", 100 * worst);
       EXPECT_LT(worst, noisy ? 0.01 : 1e-6);
-      EXPECT_EQ(user.joint_radii[at(Joint::index_tip)], 0.009);
+      EXPECT_EQ(user.joint_radii[slot_of(Joint::index_tip)], 0.009);
     }
   }
 }
@@ -116,11 +115,12 @@ TEST(Calibration, MeasuresARecordedHand) {
   std::array<int, kPostureCount> frames{};
   for (const JointFrames& joints : recording.frames()) {
     const auto flexion = [&joints](Joint first) {
-      const Quaternion turn = joints[at(first)].orientation.conjugate() * joints[at(first) + 3].orientation;
+      const Quaternion turn = joints[slot_of(first)].orientation.conjugate() * joints[slot_of(first) + 3].orientation;
       return std::abs(rotation_log(turn).x());
     };
     const double index = flexion(Joint::index_metacarpal), middle = flexion(Joint::middle_metacarpal);
-    const double thumb = (joints[at(Joint::thumb_tip)].position - joints[at(Joint::little_proximal)].position).norm();
+    const double thumb =
+        (joints[slot_of(Joint::thumb_tip)].position - joints[slot_of(Joint::little_proximal)].position).norm();
     const auto show = [&](Posture posture) {
       measurement.add(posture, sample_of(joints));
       ++frames[static_cast<std::size_t>(posture)];
@@ -136,7 +136,7 @@ TEST(Calibration, MeasuresARecordedHand) {
   const HandModel user = fitted(shipped_hand(), measurement.measure(Side::right));
   const HandModel mean = fitted(shipped_hand(), measure_skeleton(recording.frames(), recording.radii()));
   double worst = 0;
-  for (std::size_t j = at(Joint::thumb_metacarpal); j < kJointCount; ++j)
+  for (std::size_t j = slot_of(Joint::thumb_metacarpal); j < kJointCount; ++j)
     worst = std::max(worst, std::abs(bone_length(user.rest_joints, j) / bone_length(mean.rest_joints, j) - 1));
   std::printf("worst difference of a length from the mean over the recording: %.3f %%\n", 100 * worst);
   EXPECT_LT(worst, 0.01);
@@ -166,8 +166,8 @@ TEST(Calibration, RangesOfMotionAreThoseOfTheUser) {
   CurlLifter(user, Side::right).lift(closed, glove);
   const JointFrames shown = forward_kinematics(model, Pose{}, fist);
   for (const Joint tip : {Joint::index_tip, Joint::middle_tip, Joint::ring_tip, Joint::little_tip})
-    EXPECT_LT((to_vector(glove.joints[at(tip)].position) - shown[at(tip)].position).norm(), 8e-3)
-        << kJointNames[at(tip)];
+    EXPECT_LT((to_vector(glove.joints[slot_of(tip)].position) - shown[slot_of(tip)].position).norm(), 8e-3)
+        << kJointNames[slot_of(tip)];
 }
 
 TEST(Calibration, SaysWhichStepFailedAndWhatToDo) {
@@ -184,7 +184,8 @@ TEST(Calibration, SaysWhichStepFailedAndWhatToDo) {
                   "step 3 of 4 (thumb across): the tip of the thumb was"));
   EXPECT_TRUE(has(reason(measurement_of(hand,
                                         [](Posture& shown, Skeleton& sample) {
-                                          if (shown == Posture::relaxed) sample.joints[at(Joint::ring_tip)].flags = 0;
+                                          if (shown == Posture::relaxed)
+                                            sample.joints[slot_of(Joint::ring_tip)].flags = 0;
                                         })),
                   "step 4 of 4 (relaxed hand): the joint ring_tip was seen well in 0 samples"));
   EXPECT_TRUE(has(reason(measurement_of(hand, [](Posture&, Skeleton& sample) { sample.confidence = 0.4; })),
@@ -193,7 +194,7 @@ TEST(Calibration, SaysWhichStepFailedAndWhatToDo) {
   int i = 0;
   EXPECT_TRUE(has(reason(measurement_of(hand,
                                         [&](Posture&, Skeleton& sample) {
-                                          sample.joints[at(Joint::middle_tip)].position[1] +=
+                                          sample.joints[slot_of(Joint::middle_tip)].position[1] +=
                                               ++i % 4 < 2 ? 0.02 : -0.02;
                                         })),
                   "the length from middle_distal to middle_tip varied by"));
@@ -204,7 +205,7 @@ TEST(Calibration, RefusesLengthsThatAreNotThoseOfAHand) {
   const UserHand measured = measurement_of(hand).measure(Side::right);
   for (const double factor : {0.3, 2.5}) {
     UserHand user = measured;
-    for (double& x : user.joints[at(Joint::index_distal)].offset) x *= factor;
+    for (double& x : user.joints[slot_of(Joint::index_distal)].offset) x *= factor;
     EXPECT_THROW(fitted(hand, user), std::invalid_argument) << factor;
   }
   EXPECT_THROW(fitted(mirrored(hand), measured), std::invalid_argument);
@@ -266,12 +267,12 @@ class CalibratedScene : public ::testing::Test {
   void TearDown() override { fs::remove_all(folder_); }
   void write(const std::string& file, const std::string& text) { std::ofstream(folder_ / file) << text; }
   static double index_length(const Scene& scene) {
-    return bone_length(load_scene_hand(scene, "right_400.hand.json").rest_joints, at(Joint::index_intermediate));
+    return bone_length(load_scene_hand(scene, "right_400.hand.json").rest_joints, slot_of(Joint::index_intermediate));
   }
   const fs::path folder_ = fs::temp_directory_path() / ("softhand_calibration_" + std::to_string(getpid()));
   const HandModel other_ = testing::other_lengths(shipped_hand());
-  const double shipped_length_ = bone_length(shipped_hand().rest_joints, at(Joint::index_intermediate));
-  const double other_length_ = bone_length(other_.rest_joints, at(Joint::index_intermediate));
+  const double shipped_length_ = bone_length(shipped_hand().rest_joints, slot_of(Joint::index_intermediate));
+  const double other_length_ = bone_length(other_.rest_joints, slot_of(Joint::index_intermediate));
   const std::string scene_ = SOFTHAND_SOURCE_DIR "/config/scenes/pinch.toml";
 };
 

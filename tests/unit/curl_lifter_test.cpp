@@ -12,9 +12,8 @@
 namespace softhand::curl_lifter_test {
 namespace {
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
-Vector3 place(const Skeleton& hand, Joint joint) { return to_vector(hand.joints[at(joint)].position); }
+Vector3 place(const Skeleton& hand, Joint joint) { return to_vector(hand.joints[slot_of(joint)].position); }
 
 std::array<FingerCurl, kFingerCount> all(double curl, double splay = 0) {
   std::array<FingerCurl, kFingerCount> fingers;
@@ -24,7 +23,7 @@ std::array<FingerCurl, kFingerCount> all(double curl, double splay = 0) {
 
 // Angles of a bone against its rest pose, as in JointModel.
 Vector3 angles_of(const Skeleton& sample, const HandModel& hand, Body body) {
-  const std::size_t joint = at(joint_of(body)), parent = at(joint_of(parent_of(body)));
+  const std::size_t joint = slot_of(joint_of(body)), parent = slot_of(joint_of(parent_of(body)));
   const auto turn = [&](std::size_t j) { return to_quaternion(sample.joints[j].orientation); };
   const Quaternion rest = hand.rest_joints[parent].orientation.conjugate() * hand.rest_joints[joint].orientation;
   return rotation_log(rest.conjugate() * turn(parent).conjugate() * turn(joint));
@@ -87,14 +86,14 @@ TEST(CurlLifter, MarksWhatTheGloveSees) {
   lifter.lift(fingers, hand);
   EXPECT_EQ(hand.frame, 2u);
   EXPECT_EQ(place(hand, Joint::wrist), Vector3::Zero());
-  EXPECT_EQ(hand.joints[at(Joint::wrist)].flags, kJointValid | kJointInferred);
-  EXPECT_EQ(hand.joints[at(Joint::palm)].flags, kJointValid | kJointInferred);
-  EXPECT_EQ(hand.joints[at(Joint::thumb_metacarpal)].flags, kJointValid | kJointTracked);
-  EXPECT_EQ(hand.joints[at(Joint::index_metacarpal)].flags, kJointValid | kJointInferred);
-  EXPECT_EQ(hand.joints[at(Joint::index_proximal)].flags, kJointValid | kJointTracked);
-  EXPECT_EQ(hand.joints[at(Joint::ring_tip)].flags, kJointValid | kJointTracked);
-  EXPECT_EQ(hand.joints[at(Joint::little_proximal)].flags, 0u);
-  EXPECT_EQ(hand.joints[at(Joint::little_tip)].flags, 0u);
+  EXPECT_EQ(hand.joints[slot_of(Joint::wrist)].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(hand.joints[slot_of(Joint::palm)].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(hand.joints[slot_of(Joint::thumb_metacarpal)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(hand.joints[slot_of(Joint::index_metacarpal)].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(hand.joints[slot_of(Joint::index_proximal)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(hand.joints[slot_of(Joint::ring_tip)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(hand.joints[slot_of(Joint::little_proximal)].flags, 0u);
+  EXPECT_EQ(hand.joints[slot_of(Joint::little_tip)].flags, 0u);
   for (const JointSample& joint : hand.joints) EXPECT_GT(joint.radius, 0);
 }
 

@@ -24,7 +24,6 @@ namespace {
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 
 using Sink = testing::TrackerSamples;
@@ -66,13 +65,13 @@ class Leap : public ::testing::Test {
         ++hands;
         // The index knuckle is where the service says, up to the proportions of the hand.
         worst = std::max(
-            worst,
-            (to_vector(hand.joints[at(Joint::index_proximal)].position) - to_vector(seen.bones[1][1].from)).norm());
+            worst, (to_vector(hand.joints[slot_of(Joint::index_proximal)].position) - to_vector(seen.bones[1][1].from))
+                       .norm());
         // The wrist is behind the palm, and the thumb on its side: on the left of a right hand from the back.
-        const Pose wrist = to_pose(hand.joints[at(Joint::wrist)]);
+        const Pose wrist = to_pose(hand.joints[slot_of(Joint::wrist)]);
         EXPECT_GT((wrist.inverse() * to_vector(seen.palm)).z(), -0.12);
         EXPECT_LT((wrist.inverse() * to_vector(seen.palm)).z(), -0.03);
-        const double thumb = (wrist.inverse() * to_vector(hand.joints[at(Joint::thumb_proximal)].position)).x();
+        const double thumb = (wrist.inverse() * to_vector(hand.joints[slot_of(Joint::thumb_proximal)].position)).x();
         EXPECT_LT(seen.side == 1 ? thumb : -thumb, 0);
       }
     }
@@ -120,8 +119,8 @@ TEST_F(Leap, FramesWithBonesAreExactOnBothHandsOfBothServices) {
         // The hand's joints may point past the next joint by some degrees. The bones of the camera do not.
         EXPECT_LT(to_quaternion(joint.orientation).angularDistance(real[j].orientation), 0.1) << side << kJointNames[j];
       }
-      EXPECT_EQ(sink_.hands[side].joints[at(Joint::palm)].flags, kJointValid | kJointInferred);
-      EXPECT_LT((to_vector(sink_.hands[side].joints[at(Joint::palm)].position) - real[0].position).norm(), 0.03);
+      EXPECT_EQ(sink_.hands[side].joints[slot_of(Joint::palm)].flags, kJointValid | kJointInferred);
+      EXPECT_LT((to_vector(sink_.hands[side].joints[slot_of(Joint::palm)].position) - real[0].position).norm(), 0.03);
     }
   }
   EXPECT_EQ(decoder_.refusals().total(), 0u);
@@ -140,8 +139,8 @@ TEST_F(Leap, FramesWithoutBonesAreFittedToTheHand) {
       EXPECT_LT(to_quaternion(joint.orientation).angularDistance(real[j].orientation), 12 * M_PI / 180)
           << side << kJointNames[j];
     }
-    EXPECT_EQ(sink_.hands[side].joints[at(Joint::wrist)].flags, kJointValid | kJointInferred);
-    EXPECT_EQ(sink_.hands[side].joints[at(Joint::index_tip)].flags, kJointValid | kJointTracked);
+    EXPECT_EQ(sink_.hands[side].joints[slot_of(Joint::wrist)].flags, kJointValid | kJointInferred);
+    EXPECT_EQ(sink_.hands[side].joints[slot_of(Joint::index_tip)].flags, kJointValid | kJointTracked);
   }
 }
 

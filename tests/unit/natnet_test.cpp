@@ -27,7 +27,6 @@ constexpr Nanoseconds kMillisecond = 1'000'000;
 constexpr std::uint64_t kTicks = 10'000'000;  // per second
 constexpr std::array<NatNetVersion, 4> kVersions{{{3, 0}, {3, 1}, {4, 0}, {4, 1}}};
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 std::string_view payload_of(const std::string& packet) { return std::string_view(packet).substr(4); }
 
@@ -228,7 +227,7 @@ TEST(NatNet, FollowsACapturedSession) {
     ++frames;
     if (sink.count == before) continue;
     const Skeleton& hand = sink.hands[1];
-    seen[read_frame(payload_of(bytes), {3, 0})->number] = to_vector(hand.joints[at(Joint::wrist)].position);
+    seen[read_frame(payload_of(bytes), {3, 0})->number] = to_vector(hand.joints[slot_of(Joint::wrist)].position);
     latency += static_cast<double>(time - hand.stamp.sample_time) * 1e-6;
   }
   EXPECT_EQ(frames, 518);
@@ -369,11 +368,11 @@ TEST_F(Motive, RigidBodiesAreWristsAndAHead) {
     ASSERT_EQ(sink_.count, 2) << version.major << version.minor;
     ASSERT_EQ(sink_.heads, 1);
     EXPECT_EQ(sink_.newest_head.valid, 1u);
-    const JointSample& left = sink_.hands[0].joints[at(Joint::wrist)];
+    const JointSample& left = sink_.hands[0].joints[slot_of(Joint::wrist)];
     EXPECT_EQ(left.flags, kJointValid | kJointTracked);
-    EXPECT_EQ(sink_.hands[0].joints[at(Joint::index_tip)].flags, 0u);
+    EXPECT_EQ(sink_.hands[0].joints[slot_of(Joint::index_tip)].flags, 0u);
     EXPECT_LT((to_vector(left.position) - Vector3(-0.2, 1, 0)).norm(), 1e-6);
-    const JointSample& right = sink_.hands[1].joints[at(Joint::wrist)];
+    const JointSample& right = sink_.hands[1].joints[slot_of(Joint::wrist)];
     const Pose expected = Pose{Vector3(0.2, 1, 0), turn} * Pose{Vector3(0, -0.05, 0.02), Quaternion(0, 0, 0, 1)};
     EXPECT_LT((to_vector(right.position) - expected.position).norm(), 1e-6);
     EXPECT_LT(to_quaternion(right.orientation).angularDistance(expected.orientation), 1e-6);
@@ -422,7 +421,7 @@ TEST_F(Motive, FollowsAGeneratedSession) {
       ASSERT_EQ(sink_.count - before, number > kJoined ? 1 : 0) << number;
       if (sink_.count > 0) {
         const Skeleton& hand = sink_.hands[1];
-        EXPECT_LT((to_vector(hand.joints[at(Joint::wrist)].position) - place).norm(), 1e-6) << number;
+        EXPECT_LT((to_vector(hand.joints[slot_of(Joint::wrist)].position) - place).norm(), 1e-6) << number;
         const double error = std::abs(static_cast<double>(hand.stamp.sample_time - exposure)) * 1e-6;
         // At first the offset of the clock is not known, and the time of arrival is used.
         const bool is_on_arrival = hand.stamp.sample_time == arrival;

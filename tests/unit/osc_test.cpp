@@ -24,7 +24,6 @@ using testing::Deviations;
 
 constexpr Nanoseconds kMillisecond = 1'000'000;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 
 using Sink = testing::TrackerSamples;
@@ -132,8 +131,8 @@ TEST_F(Osc, APerformersFrameIsTwoHandsAndAHead) {
         EXPECT_LT((seen.position - real.position).norm(), 0.004) << side << kJointNames[j];
         EXPECT_LT(seen.orientation.angularDistance(real.orientation), 12 * M_PI / 180) << side << kJointNames[j];
       }
-      EXPECT_EQ(sink_.hands[side].joints[at(Joint::index_tip)].flags, kJointValid | kJointInferred);
-      EXPECT_EQ(sink_.hands[side].joints[at(Joint::index_distal)].flags, kJointValid | kJointTracked);
+      EXPECT_EQ(sink_.hands[side].joints[slot_of(Joint::index_tip)].flags, kJointValid | kJointInferred);
+      EXPECT_EQ(sink_.hands[side].joints[slot_of(Joint::index_distal)].flags, kJointValid | kJointTracked);
     }
   }
   EXPECT_EQ(decoder_.refusals().total(), 0u);
@@ -185,22 +184,23 @@ TEST_F(Osc, TrackersAreWristsAndAHead) {
   };
   tracker("2", 0.5, {0, 90, 0});
   ASSERT_EQ(sink_.count, 1);
-  const JointSample& wrist = sink_.hands[1].joints[at(Joint::wrist)];
+  const JointSample& wrist = sink_.hands[1].joints[slot_of(Joint::wrist)];
   EXPECT_EQ(wrist.flags, kJointValid | kJointTracked);
-  EXPECT_EQ(sink_.hands[1].joints[at(Joint::palm)].flags, 0u);
+  EXPECT_EQ(sink_.hands[1].joints[slot_of(Joint::palm)].flags, 0u);
   EXPECT_LT((to_vector(wrist.position) - Vector3(0.5, 1, -2)).norm(), 1e-6);
   // A quarter turn about Unity's Y takes its forward axis to its right, which is our right.
   EXPECT_LT((to_quaternion(wrist.orientation) * Vector3(0, 0, -1) - Vector3(1, 0, 0)).norm(), 1e-6);
   // Pitch by 30 degrees after a roll by 90: Unity's forward axis points down, whatever the roll.
   tracker("3", 0.5, {30, 0, 90});
-  EXPECT_LT((to_quaternion(sink_.hands[0].joints[at(Joint::wrist)].orientation) * Vector3(0, 0, -1) -
+  EXPECT_LT((to_quaternion(sink_.hands[0].joints[slot_of(Joint::wrist)].orientation) * Vector3(0, 0, -1) -
              Vector3(0, -0.5, -std::sqrt(0.75)))
                 .norm(),
             1e-6);
   // The roll turns Unity's up axis to its left.
-  EXPECT_LT((to_quaternion(sink_.hands[0].joints[at(Joint::wrist)].orientation) * Vector3(0, 1, 0) - Vector3(-1, 0, 0))
-                .norm(),
-            1e-6);
+  EXPECT_LT(
+      (to_quaternion(sink_.hands[0].joints[slot_of(Joint::wrist)].orientation) * Vector3(0, 1, 0) - Vector3(-1, 0, 0))
+          .norm(),
+      1e-6);
   tracker("4", 0, {0, 0, 0});  // no wrist
   tracker("head", 0, {0, 0, 0});
   EXPECT_EQ(sink_.count, 2);

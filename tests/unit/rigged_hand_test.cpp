@@ -20,8 +20,6 @@ namespace {
 
 using nlohmann::json;
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 struct Source {
   RestSkeleton rest;
   TriangleMesh skin;
@@ -152,7 +150,7 @@ TEST(RiggedHandFile, ReadsSkeletonAndSkinOfEitherSide) {
       EXPECT_LT((hand.rest.joints[j].position - expected.position).norm(), 1e-6) << kJointNames[j];
       EXPECT_LT(hand.rest.joints[j].orientation.angularDistance(expected.orientation), 1e-4) << kJointNames[j];
       // The depth of a finger's joint is its radius. The radii of other joints depend on the flesh around them.
-      if (j > index_of(Joint::index_proximal) && j != at(tip_of(Finger::index)) &&
+      if (j > index_of(Joint::index_proximal) && j != slot_of(tip_of(Finger::index)) &&
           finger_of(body_of(static_cast<Joint>(j))) == Finger::index) {
         EXPECT_NEAR(hand.rest.radii[j], source().rest.radii[j], 1e-3) << kJointNames[j];
       }
@@ -170,7 +168,7 @@ TEST(RiggedHandFile, BonesLieInsideTheSkin) {
   const MeshSkin skin(hand.skin);
   const auto bodies = make_bodies(hand.rest);
   for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const Pose& joint = hand.rest.joints[at(joint_of(static_cast<Body>(b)))];
+    const Pose& joint = hand.rest.joints[slot_of(joint_of(static_cast<Body>(b)))];
     for (const double s : {0.0, 0.5, 1.0}) {
       const double radius = (1 - s) * bodies[b].bone_start_radius + s * bodies[b].bone_end_radius;
       EXPECT_LT(skin.distance(joint * ((1 - s) * bodies[b].bone_start + s * bodies[b].bone_end)) + radius, -0.5e-3)
@@ -233,10 +231,10 @@ TEST(RiggedHandFile, RefusesUnusableFilesAndNamesFileAndField) {
   expect_error("hand.glb: WEIGHTS_0: expected weights that sum to 1", [](Parts& p) { p.weights[3] = {0.5f, 0, 0, 0}; });
   expect_error("(POSITION): expected finite numbers", [](Parts& p) { p.positions[5][1] = std::nanf(""); });
   expect_error("inverseBindMatrices (thumb-tip): expected a rotation and a translation",
-               [](Parts& p) { p.matrices[kJointCount - 1 - at(Joint::thumb_tip)] *= 0.01f; });
+               [](Parts& p) { p.matrices[kJointCount - 1 - slot_of(Joint::thumb_tip)] *= 0.01f; });
   expect_error("inverseBindMatrices (ring-finger-phalanx-distal): expected -Z within 30 degrees", [](Parts& p) {
     const Eigen::Matrix4f turn = Eigen::Affine3f(Eigen::AngleAxisf(1.5f, Eigen::Vector3f::UnitX())).matrix();
-    auto& matrix = p.matrices[kJointCount - 1 - at(Joint::ring_distal)];
+    auto& matrix = p.matrices[kJointCount - 1 - slot_of(Joint::ring_distal)];
     matrix = turn * matrix;
   });
   expect_error("hand.glb: skins: expected exactly one", [](Parts& p) { p.document.erase("skins"); });

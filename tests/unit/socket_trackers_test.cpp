@@ -182,11 +182,9 @@ TEST(LandmarksClock, StampsAscendAndOldPicturesAreRefused) {
   EXPECT_TRUE(take(10, 20, 9000)) << "the sender restarted";
 }
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 Landmarks landmarks_of(const JointFrames& frames) {
   Landmarks points;
-  for (std::size_t i = 0; i < kLandmarkCount; ++i) points[i] = frames[at(joint_of_landmark(i))].position;
+  for (std::size_t i = 0; i < kLandmarkCount; ++i) points[i] = frames[slot_of(joint_of_landmark(i))].position;
   return points;
 }
 
@@ -222,7 +220,7 @@ TEST(Landmarks, LiftingRecoversGeneratedMotions) {
         add_errors(errors, *lifted, real);
       }
       std::printf("%s %s: %.2f mm, %.2f degrees (%s)\n", left ? "left" : "right", name, 1e3 * errors.position,
-                  errors.orientation * 180 / M_PI, kJointNames[at(errors.worst)].data());
+                  errors.orientation * 180 / M_PI, kJointNames[slot_of(errors.worst)].data());
       EXPECT_LT(errors.position, 0.003);
       EXPECT_LT(errors.orientation, 6 * M_PI / 180);
     }
@@ -260,7 +258,7 @@ TEST(Landmarks, KeepsTheHandsBoneLengthsForAnyLandmarks) {
                 0.004 * Vector3(std::sin(7.0 * static_cast<double>(i)), std::cos(5.0 * static_cast<double>(i)), 0);
   const auto lifted = LandmarkLifter(hand, hand.side).lift(points);
   ASSERT_TRUE(lifted);
-  for (std::size_t j = at(Joint::thumb_metacarpal); j + 1 < kJointCount; ++j) {
+  for (std::size_t j = slot_of(Joint::thumb_metacarpal); j + 1 < kJointCount; ++j) {
     if (j == 5 || (j >= 6 && (j - 6) % 5 == 4)) continue;  // from a tip to the next finger
     EXPECT_NEAR(((*lifted)[j + 1].position - (*lifted)[j].position).norm(),
                 (hand.rest_joints[j + 1].position - hand.rest_joints[j].position).norm(), 1e-12);

@@ -34,7 +34,6 @@ const std::string kDocumented =
     "-0.0680, 0.1589, 0.0175, -0.0065, 0.0887, 0.0252, -0.0222, 0.1236, 0.0279, -0.0407, 0.1424, 0.0282, -0.0595, "
     "0.1580, 0.0230, -0.0094, 0.0341, 0.0351, -0.0137, 0.0779, 0.0433, -0.0227, 0.1061, 0.0477, -0.0342, 0.1223";
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 HandModel shipped_hand() { return load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json"); }
 
 struct Sink final : TrackerSink {
@@ -69,7 +68,7 @@ class Streamer : public ::testing::Test {
     decoder_.refusals().fill_status(status, 0);
     return testing::counter_of(status, "refused_" + name);
   }
-  Vector3 place(Joint joint) const { return to_vector(sink_.newest.joints[at(joint)].position); }
+  Vector3 place(Joint joint) const { return to_vector(sink_.newest.joints[slot_of(joint)].position); }
 
   HandModel hand_ = shipped_hand();
   StreamerDecoder decoder_{hand_};
@@ -93,24 +92,24 @@ TEST_F(Streamer, TheDocumentedDatagramIsAHand) {
   // The wrist's measured orientation: the palm of the lifted hand is within 15 degrees of it, for a model with other
   // proportions. An error in handedness would turn it by far more.
   const Quaternion measured = Quaternion(-0.970, -0.194, 0.116, 0.094).normalized();
-  EXPECT_LT(to_quaternion(hand.joints[at(Joint::wrist)].orientation).angularDistance(measured), 15 * M_PI / 180);
+  EXPECT_LT(to_quaternion(hand.joints[slot_of(Joint::wrist)].orientation).angularDistance(measured), 15 * M_PI / 180);
   // A right hand: seen from the back with the fingers forward, the thumb is on the left.
   EXPECT_LT((measured.inverse() * (place(Joint::thumb_tip) - place(Joint::little_tip))).x(), 0);
   for (std::size_t j = 0; j < kJointCount; ++j) EXPECT_NE(hand.joints[j].flags & kJointValid, 0u) << j;
   // The tip of the little finger is not among the 21 points.
-  EXPECT_EQ(hand.joints[at(Joint::little_tip)].flags, kJointValid | kJointInferred);
-  EXPECT_EQ(hand.joints[at(Joint::ring_tip)].flags, kJointValid | kJointTracked);
-  EXPECT_EQ(hand.joints[at(Joint::little_distal)].confidence, kGuessedConfidence);
-  EXPECT_EQ(hand.joints[at(Joint::ring_distal)].confidence, 1);
+  EXPECT_EQ(hand.joints[slot_of(Joint::little_tip)].flags, kJointValid | kJointInferred);
+  EXPECT_EQ(hand.joints[slot_of(Joint::ring_tip)].flags, kJointValid | kJointTracked);
+  EXPECT_EQ(hand.joints[slot_of(Joint::little_distal)].confidence, kGuessedConfidence);
+  EXPECT_EQ(hand.joints[slot_of(Joint::ring_distal)].confidence, 1);
 }
 
 TEST_F(Streamer, OnlyALittleFingerFromItsMetacarpalIsMended) {
   Landmarks rest;
-  for (std::size_t i = 0; i < kLandmarkCount; ++i) rest[i] = hand_.rest_joints[at(joint_of_landmark(i))].position;
+  for (std::size_t i = 0; i < kLandmarkCount; ++i) rest[i] = hand_.rest_joints[slot_of(joint_of_landmark(i))].position;
   Landmarks shifted = rest;
   EXPECT_FALSE(mend_little_finger(shifted));
   EXPECT_EQ(shifted, rest);
-  for (int i = 0; i < 4; ++i) shifted[17 + i] = hand_.rest_joints[at(Joint::little_metacarpal) + i].position;
+  for (int i = 0; i < 4; ++i) shifted[17 + i] = hand_.rest_joints[slot_of(Joint::little_metacarpal) + i].position;
   EXPECT_TRUE(mend_little_finger(shifted));
   for (std::size_t i = 17; i < 20; ++i) EXPECT_EQ(shifted[i], rest[i]) << i;
   EXPECT_LT((shifted[20] - rest[20]).norm(), 0.006);

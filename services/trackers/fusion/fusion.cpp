@@ -20,7 +20,6 @@ constexpr double kVelocityTime = 0.015;
 constexpr double kVelocityFades = 0.06;      // s, time constant (README.md, "Accuracy")
 constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 Nanoseconds nanoseconds(double seconds) { return static_cast<Nanoseconds>(seconds * 1e9); }
 
 // 0 = wrist, 1.. = thumb..; the palm belongs to the middle finger.
@@ -30,7 +29,7 @@ std::size_t part_of(Joint joint) {
 
 bool is_valid(const JointSample& joint) { return (joint.flags & kJointValid) != 0; }
 bool delivers(const Skeleton& sample, std::size_t part) {
-  const JointSample& wrist = sample.joints[at(Joint::wrist)];
+  const JointSample& wrist = sample.joints[slot_of(Joint::wrist)];
   if (!is_valid(wrist)) return false;
   if (part == 0) return (wrist.flags & kJointInferred) == 0;
   for (std::size_t j = 0; j < kJointCount; ++j)
@@ -139,7 +138,7 @@ HandFusion::HandFusion(const FusionOptions& options, const TrackedInputOptions& 
       side_(static_cast<std::uint32_t>(hand.side)),
       radii_(hand.joint_radii) {
   for (std::size_t j = 0; j < kJointCount; ++j)
-    posture_.joints[j] = hand.rest_joints[at(parent_of(static_cast<Joint>(j)))].inverse() * hand.rest_joints[j];
+    posture_.joints[j] = hand.rest_joints[slot_of(parent_of(static_cast<Joint>(j)))].inverse() * hand.rest_joints[j];
   for (const auto* users : {&sources.wrist, &sources.fingers}) {
     for (const std::uint32_t user : *users) {
       if (source_of(user) != nullptr) continue;
@@ -201,9 +200,9 @@ void HandFusion::measure(Source& source) {
     if (joint_of(body_of(joint)) == joint) {
       if (target_of(joint).valid && target_of(parent).valid)
         out.joints[j] = target_of(parent).pose.inverse() * target_of(joint).pose;
-    } else if (is_valid(source.newest.joints[j]) && is_valid(source.newest.joints[at(parent)])) {
+    } else if (is_valid(source.newest.joints[j]) && is_valid(source.newest.joints[slot_of(parent)])) {
       // Tips and the palm are rigid on their bones.
-      const Pose pose = to_pose(source.newest.joints[at(parent)]).inverse() * to_pose(source.newest.joints[j]);
+      const Pose pose = to_pose(source.newest.joints[slot_of(parent)]).inverse() * to_pose(source.newest.joints[j]);
       if (pose.position.norm() < 0.1 && std::abs(pose.orientation.norm() - 1) < 1e-6) out.joints[j] = pose;
     }
   }
@@ -225,7 +224,7 @@ void HandFusion::predict(Source& source, Nanoseconds time) const {
   const double elapsed = static_cast<double>(newest.time - older.time) * 1e-9;
   const double ahead = static_cast<double>(time - newest.time) * 1e-9;
   const double reach = kVelocityFades * (1 - std::exp(-ahead / kVelocityFades));
-  for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) {
+  for (std::size_t j = slot_of(Joint::wrist) + 1; j < kJointCount; ++j) {
     if (joint_of(body_of(static_cast<Joint>(j))) != static_cast<Joint>(j)) continue;  // a tip is rigid on its bone
     const Quaternion& now = newest.joints[j].orientation;
     const Vector3 velocity = rotation_log(older.joints[j].orientation.conjugate() * now) / elapsed;
@@ -268,7 +267,7 @@ bool HandFusion::compose(Nanoseconds now, Skeleton& out) {
   out = Skeleton{};
   out.confidence = wrist->input.confidence();
   const auto pose_of = [](Posture& posture, std::size_t joint) -> Pose& {
-    return joint == at(Joint::wrist) ? posture.wrist : posture.joints[joint];
+    return joint == slot_of(Joint::wrist) ? posture.wrist : posture.joints[joint];
   };
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const std::size_t part = part_of(static_cast<Joint>(j));
@@ -293,9 +292,11 @@ bool HandFusion::compose(Nanoseconds now, Skeleton& out) {
   for (Source& each : sources_) each.resumed = false;
 
   std::array<Pose, kJointCount> world;
-  world[at(Joint::wrist)] = posture_.wrist;
-  const auto place = [&](Joint joint) { world[at(joint)] = world[at(parent_of(joint))] * posture_.joints[at(joint)]; };
-  for (std::size_t j = at(Joint::wrist) + 1; j < kJointCount; ++j) place(static_cast<Joint>(j));
+  world[slot_of(Joint::wrist)] = posture_.wrist;
+  const auto place = [&](Joint joint) {
+    world[slot_of(joint)] = world[slot_of(parent_of(joint))] * posture_.joints[slot_of(joint)];
+  };
+  for (std::size_t j = slot_of(Joint::wrist) + 1; j < kJointCount; ++j) place(static_cast<Joint>(j));
   place(Joint::palm);  // on the middle metacarpal
   for (std::size_t j = 0; j < kJointCount; ++j) {
     const Source* const owner = source_of(used_[part_of(static_cast<Joint>(j))]);

@@ -14,8 +14,6 @@ constexpr double kFarthest = 10;                  // m
 constexpr double kWidest = 0.2;                   // m
 constexpr double kShortest = 1e-3;                // m; a shorter bone has no direction
 
-std::size_t at(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
-
 // -Z along `forward`, +Y as near to `dorsal` as possible. Empty if the two are nearly parallel.
 std::optional<Quaternion> orientation_of(const Vector3& forward, const Vector3& dorsal) {
   const Vector3 z = -forward.normalized(), y = dorsal - z * z.dot(dorsal);
@@ -32,7 +30,7 @@ bool is_unit(const Vec3& v) { return all_finite(v) && std::abs(to_vector(v).norm
 
 Vector3 wrist_to_knuckle(const HandModel& hand, Side side) {
   const JointFrames& rest = hand.side == side ? hand.rest_joints : mirrored(hand).rest_joints;
-  return rest[at(Joint::wrist)].inverse() * rest[at(Joint::middle_proximal)].position;
+  return rest[slot_of(Joint::wrist)].inverse() * rest[slot_of(Joint::middle_proximal)].position;
 }
 
 }  // namespace
@@ -103,7 +101,7 @@ bool LeapDecoder::use_bones(const LeapHand& hand) {
   const auto palm = orientation_of(to_vector(hand.direction), -to_vector(hand.normal));
   if (!palm) return false;
   const auto set = [&](Joint joint, const Vec3& position, const Quaternion& orientation, double width) {
-    JointSample& sample = hand_.joints[at(joint)];
+    JointSample& sample = hand_.joints[slot_of(joint)];
     sample.position = position;
     sample.orientation = to_wire(orientation);
     sample.radius = width / 2;
@@ -122,10 +120,10 @@ bool LeapDecoder::use_bones(const LeapHand& hand) {
       if (k == 3) set(tip, bone.to, *turn, bone.width);
     }
   }
-  const Pose centre = palm_between(to_pose(hand_.joints[at(Joint::middle_metacarpal)]),
-                                   to_pose(hand_.joints[at(Joint::middle_proximal)]));
+  const Pose centre = palm_between(to_pose(hand_.joints[slot_of(Joint::middle_metacarpal)]),
+                                   to_pose(hand_.joints[slot_of(Joint::middle_proximal)]));
   set(Joint::palm, to_wire(centre.position), centre.orientation, 0);
-  hand_.joints[at(Joint::palm)].flags = kJointValid | kJointInferred;
+  hand_.joints[slot_of(Joint::palm)].flags = kJointValid | kJointInferred;
   return true;
 }
 
@@ -141,7 +139,7 @@ bool LeapDecoder::use_landmarks(const LeapHand& hand) {
   // The wrist is as far behind the knuckle of the middle finger as that of the scene's hand.
   points[0] = points[9] - *palm * wrist_to_knuckle_[hand.side];
   if (!lifters_[hand.side].lift(points, hand_)) return false;
-  hand_.joints[at(Joint::wrist)].flags = kJointValid | kJointInferred;
+  hand_.joints[slot_of(Joint::wrist)].flags = kJointValid | kJointInferred;
   return true;
 }
 
