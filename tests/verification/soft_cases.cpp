@@ -222,14 +222,18 @@ void press(HandSimulation& simulation, double height, double by) {
   for (int i = 0; i < kRest; ++i) simulation.step(kTimeStep);
 }
 
-// Two plates press a sphere, without friction. Hertz measures the approach to a far point of a half-space. The middle
-// of a sphere is only R away, so it moves less, and the sphere looks stiffer by about a tenth.
+// Turns a `soft_sphere` so that the middle of a triangle is on top, and of another one at the bottom. On an edge or a
+// node it rolls to a softer side, and the force depends on how far it came.
+Quaternion on_a_triangle() { return Quaternion::FromTwoVectors(Vector3::Ones(), Vector3::UnitY()); }
+
+// Two plates press a sphere. Their friction keeps it from rolling. Hertz measures the approach to a far point of a
+// half-space. The middle of a sphere is only R away, so it moves less, and the sphere looks stiffer by about a tenth.
 std::vector<Measurement> soft_hertz(const Parameters& p) {
   const double modulus = p["E"], ratio = p["nu"], approach = p["approach"] * kRadius;
   const auto body = soft_sphere(p.whole("subdivisions"), soft_material(modulus, ratio, kDensity));
   const auto simulation =
-      far_from_the_hand({{"sphere", body, Pose{.position = {0, kRadius, 0}}, Vector3::Zero()}}, 2, 1e-4);
-  for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0});
+      far_from_the_hand({{"sphere", body, Pose{{0, kRadius, 0}, on_a_triangle()}, Vector3::Zero()}}, 2, 1e-4);
+  for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0.5});
   press(*simulation, 2 * kRadius, 2 * approach);
   const double depth = kRadius - simulation->state().node_positions(1, simulation->soft()->first_node(0));
   const double reference = 4.0 / 3 * modulus / (1 - ratio * ratio) * std::sqrt(kRadius) * std::pow(depth, 1.5);
@@ -238,17 +242,18 @@ std::vector<Measurement> soft_hertz(const Parameters& p) {
           {"force on the upper plate over it", above / below, 1, 0.001, "1", {}}};
 }
 
-// Two equal spheres, one on the other, between two plates. The lower one is turned, so the nodes do not meet. Equal
-// spheres flatten each other like rigid plates, so Hertz's law holds for half of the approach of the middles.
+// Two equal spheres, one on the other, between two plates. The lower one is turned about the upright axis, so the nodes
+// do not meet. Equal spheres flatten each other like rigid plates, so Hertz's law holds for half of the approach of the
+// middles.
 std::vector<Measurement> two_spheres(const Parameters& p) {
   const double modulus = p["E"], ratio = p["nu"], approach = p["approach"] * kRadius;
   auto body =
       std::make_shared<SoftBody>(*soft_sphere(p.whole("subdivisions"), soft_material(modulus, ratio, kDensity)));
   body->friction = 0.5;  // one sphere does not slip off the other
-  const Quaternion turned(Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()));
+  const Quaternion turned = Quaternion(Eigen::AngleAxisd(0.7, Vector3::UnitY())) * on_a_triangle();
   const auto simulation =
       far_from_the_hand({{"lower", body, Pose{.position = {0, kRadius, 0}, .orientation = turned}, Vector3::Zero()},
-                         {"upper", body, Pose{.position = {0, 3 * kRadius, 0}}, Vector3::Zero()}},
+                         {"upper", body, Pose{{0, 3 * kRadius, 0}, on_a_triangle()}, Vector3::Zero()}},
                         2, 1e-4);
   for (int slot = 0; slot < 2; ++slot) simulation->set_slot(slot, {.id = 1, .shape = &plate(), .friction = 0.5});
   press(*simulation, 4 * kRadius, 4 * approach);
