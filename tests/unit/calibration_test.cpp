@@ -70,8 +70,8 @@ std::string reason(const HandMeasurement& measurement) {
 }
 bool has(const std::string& text, const std::string& part) { return text.find(part) != std::string::npos; }
 
-// Without noise the lengths are exact. With a noise of 1 mm and 1 degree at every joint, every twentieth sample of a
-// joint wrong by 3 cm, and some joints in doubt, they are within 1 %.
+// Without noise the lengths are exact. In the second run every joint has a noise of 1 mm and 1 degree, every twentieth
+// sample of a joint is wrong by 3 cm, and some joints are in doubt. The lengths are then within 1 %.
 TEST(Calibration, MeasuresTheLengthsOfEveryBone) {
   for (const Side side : {Side::right, Side::left}) {
     const HandModel hand = testing::other_lengths(side == Side::right ? shipped_hand() : mirrored(shipped_hand()));
