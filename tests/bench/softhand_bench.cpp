@@ -147,18 +147,23 @@ class Side {
     rig_->run(from, {});
   }
   void go_on(double seconds) {
-    rig_->run(time_ += seconds, [this](const HandStepView& view) { steps[view.hand].push_back(view.output->report); });
+    rig_->run(time_ += seconds, [this](const HandStepView& view) {
+      steps[view.hand].push_back(view.output->report);
+      least_contacts_ = std::min(least_contacts_, view.output->contacts.contacts.size());
+    });
   }
   double median_seconds(std::size_t hand = 0) const {
     std::vector<double> seconds;
     for (const StepReport& step : steps[hand]) seconds.push_back(step.timing.total());
     return median(seconds);
   }
+  std::size_t least_contacts() const { return least_contacts_; }  // of a hand in a step
   const VirtualRig& rig() const { return *rig_; }
 
   std::vector<std::vector<StepReport>> steps;  // by hand
 
  private:
+  std::size_t least_contacts_ = std::numeric_limits<std::size_t>::max();
   double time_;  // s of the scene
   std::unique_ptr<VirtualRig> rig_;
 };
@@ -191,6 +196,18 @@ double skin_cost_ratio(const std::string& file, const std::vector<std::string>& 
   Side with = side("true"), without = side("false");
   take_turns({&with, &without}, to - from);
   return with.median_seconds() / without.median_seconds();
+}
+
+// Median step while a hand squeezes the ball of sponge.toml, over the same with a rigid ball. NaN if it loses a ball.
+double soft_ball_cost_ratio() {
+  const Scene soft = read_scene(scene_path("sponge.toml"), {hand_setting(1450)}),
+              rigid = read_scene(SOFTHAND_SOURCE_DIR "/tests/bench/rigid_ball.toml", {hand_setting(1450)});
+  const auto phases = make_scene_motion(soft, load_scene_hand(soft))->phases();
+  const auto hold = std::find_if(phases.begin(), phases.end(), [](const auto& each) { return each.name == "hold"; });
+  Side on_soft({soft}, hold->begin), on_rigid({rigid}, hold->begin);
+  take_turns({&on_soft, &on_rigid}, hold->end - hold->begin);
+  const bool valid = on_soft.least_contacts() > 0 && on_rigid.least_contacts() > 0;
+  return valid ? on_soft.median_seconds() / on_rigid.median_seconds() : std::nan("");
 }
 
 struct SecondHandCost {
@@ -588,6 +605,9 @@ Json run() {
       "step of a wandering hand whose fingers touch now and then, over the same without it");
   put("pinch_skin_cost_ratio", skin_cost_ratio(scene_path("pinch_lift.toml"), {}, 0.5, kGraspTo),
       "step of a pinch, where no skin touches skin, over the same without it");
+
+  put("soft_ball_cost_ratio", soft_ball_cost_ratio(),
+      "step while a hand squeezes a soft ball of 516 nodes, over the same with a rigid ball, 1,450 nodes");
 
   fmt::print("two hands far from each other over one hand, each step to the same residual, 1,450 nodes\n");
   const SecondHandCost moving = second_hand_cost(kFreeMotion, 0.5),
