@@ -9,6 +9,7 @@
 #include <string>
 
 #include "device/simulated_service.hpp"
+#include "runtime/clock.hpp"
 
 namespace softhand {
 
@@ -16,6 +17,7 @@ namespace softhand {
 /// user, z up.
 class SimulatedInverse3 {
  public:
+  using Force = std::array<double, 3>;
   /// `key`: the key of forces that this version of the service knows. Services that call it vector send a session id.
   SimulatedInverse3(std::int64_t port, std::int64_t event_port, std::string key = "vector")
       : key_(std::move(key)),
@@ -33,14 +35,15 @@ class SimulatedInverse3 {
     position_ = position;
     velocity_ = velocity;
   }
-  std::array<double, 3> force() const {
+  /// The force that acts now. It is zero while the client is silent, and after it has left.
+  Force force() const {
     const std::lock_guard lock(mutex_);
-    return force_;
+    return is_silent() ? Force{} : force_;
   }
-  /// The force of the last message. The service itself forgets it when its client leaves.
-  std::array<double, 3> commanded() const {
+  /// The force of the last message. It is zero while the client is silent.
+  Force commanded() const {
     const std::lock_guard lock(mutex_);
-    return commanded_;
+    return is_silent() ? Force{} : commanded_;
   }
   /// Messages that the service got.
   int messages() const { return messages_; }
@@ -67,7 +70,7 @@ class SimulatedInverse3 {
     nlohmann::json device{{"device_id", kId}, {"status", {{"calibrated", true}}}};
     device["state"] = {{"cursor_position", xyz(position_)},
                        {"cursor_velocity", xyz(velocity_)},
-                       {"current_cursor_force", xyz(force_)},
+                       {"current_cursor_force", xyz(is_silent() ? Force{} : force_)},
                        {"body_orientation", {{"w", 1}, {"x", 0}, {"y", 0}, {"z", 0}}},
                        {"control_mode", "force"}};
     if (is_inventory)
@@ -79,14 +82,17 @@ class SimulatedInverse3 {
   static constexpr const char* kId = "049D";
 
  private:
-  void set_force(const std::array<double, 3>& force) {
+  // A force lasts for one tick of the service. Here it lasts for longer, because a client on a busy machine is late.
+  static constexpr Nanoseconds kSilent = 10'000'000;
+  bool is_silent() const { return now() - answered_ > kSilent; }
+  void set_force(const Force& force) {
     const std::lock_guard lock(mutex_);
     force_ = force;
   }
   std::string answer(const std::string& message) {
     ++messages_;
     const auto json = nlohmann::json::parse(message, nullptr, false);
-    std::array<double, 3> force{};  // a force lasts for one tick
+    Force force{};
     if (json.is_discarded() || !json.contains("inverse3")) {
       ++mistakes_;
     } else {
@@ -104,13 +110,16 @@ class SimulatedInverse3 {
     {
       const std::lock_guard lock(mutex_);
       commanded_ = force;
+      answered_ = now();
     }
     return report(false).dump();
   }
 
   const std::string key_;
   mutable std::mutex mutex_;
-  std::array<double, 3> position_{0, -0.12, 0.15}, velocity_{}, force_{}, commanded_{};
+  std::array<double, 3> position_{0, -0.12, 0.15}, velocity_{};
+  Force force_{}, commanded_{};
+  Nanoseconds answered_ = 0;  // time of the last message
   std::atomic<int> messages_{0}, mistakes_{0};
   std::atomic<bool> is_unplugged_{false};
   SimulatedService events_;
