@@ -65,6 +65,13 @@ Twist twist_of(const ObjectState& object) {
   return {to_vector(object.linear_velocity), to_vector(object.angular_velocity)};
 }
 
+// Whether an object that does not move is no longer where it was.
+bool is_elsewhere(const ObjectState& before, const ObjectState& now) {
+  constexpr double kMetres = 1e-4, kRadians = 1e-3;
+  const double turned = to_quaternion(before.orientation).angularDistance(to_quaternion(now.orientation));
+  return (to_vector(now.position) - to_vector(before.position)).norm() > kMetres || turned > kRadians;
+}
+
 constexpr double kHandStale = 0.1;  // s; contacts of another hand that are older do not act
 
 }  // namespace
@@ -85,7 +92,11 @@ void ObjectMirror::describe_object(const ObjectDescription& description,
                                    std::shared_ptr<const ShapeGeometry> file_shape) {
   auto known = std::find_if(objects_.begin(), objects_.end(),
                             [&description](const KnownObject& o) { return o.id == description.object; });
-  if (known != objects_.end()) release(known->assembly);
+  // A new process of the world describes its table again. What lies on it must not fall before the first sample.
+  const bool stays = known != objects_.end() && known->seen && description.removed == 0 && description.is_static != 0 &&
+                     known->description.is_static != 0 && known->description.friction == description.friction &&
+                     is_same(known->description.shape, description.shape);
+  if (known != objects_.end() && !stays) release(known->assembly);
   if (description.removed != 0) {
     if (known == objects_.end()) return;
     objects_.erase(known);
@@ -110,6 +121,7 @@ void ObjectMirror::describe_object(const ObjectDescription& description,
   }
   known->id = description.object;
   known->description = description;
+  if (stays) return;
   known->shape = std::move(shape);
   known->bounding_radius = known->shape->bounding_radius();
   // A world that moves an object to another place describes it again. The earlier state says nothing about the new
@@ -176,6 +188,10 @@ void ObjectMirror::take_world(const WorldObjects& world) {
       ++counters_.refused_nonfinite;
       continue;
     }
+    // An object that does not move can be described at another place.
+    const bool is_first = world_time_ < known->description.stamp.sample_time;
+    if (is_first && known->seen && known->description.is_static != 0 && is_elsewhere(known->state, state))
+      release(known->assembly);
     known->state = state;
     known->seen = true;
     next = std::next(known);

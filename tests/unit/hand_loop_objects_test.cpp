@@ -286,6 +286,46 @@ TEST(HandLoop, RemovedObjectLeavesItsSlot) {
   EXPECT_TRUE(loop.step(kSecond + 11'000'000, {nullptr, nullptr, &world}, {}).coupling.twins.empty());
 }
 
+// As after the world was killed: what lies on a table must not fall before the first sample of the new process.
+TEST(HandLoop, AStaticObjectStaysWhileTheWorldDescribesItAgain) {
+  const HandModel model = hand();
+  HandOptions options = loop_options();
+  options.static_objects = 1;
+  HandLoop loop(model, options, {});
+  ObjectDescription block = cube(3);
+  block.is_static = 1;
+  loop.describe_object(block);
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.001, -0.092);
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+  const auto contacts_after_step = [&](const WorldObjects* world) {
+    now += 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, ++sequence);
+    loop.step(now, {&sample, nullptr, world}, {});
+    return loop.simulation().contact_count();
+  };
+  int contacts = 0;
+  for (int i = 0; i < 20; ++i) {
+    const WorldObjects world = world_with(3, below, now);
+    contacts = contacts_after_step(&world);
+  }
+  ASSERT_GT(contacts, 0);
+  block.stamp.sample_time = now + 1;
+  loop.describe_object(block);
+  EXPECT_EQ(contacts_after_step(nullptr), contacts);
+  EXPECT_EQ(contacts_after_step(nullptr), contacts);
+  // The new process has it at another place. There it does not sweep the hand away.
+  const WorldObjects moved = world_with(3, below + Vector3(0, 0, 1), now);
+  EXPECT_EQ(contacts_after_step(&moved), 0);
+  const WorldObjects back = world_with(3, below, now);
+  block.stamp.sample_time = now;
+  loop.describe_object(block);
+  EXPECT_EQ(contacts_after_step(&back), contacts) << "the new place counts";
+  block.friction *= 0.5;
+  loop.describe_object(block);
+  EXPECT_EQ(contacts_after_step(nullptr), 0) << "it is another object";
+}
+
 // The world is another process, so its descriptions may hold any values.
 TEST(HandLoop, RefusesUnusableDescriptions) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
