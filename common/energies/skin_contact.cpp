@@ -101,12 +101,18 @@ void SkinContact::set_passing(int object, bool on) {
   passing_ = on ? passing_ | bit : passing_ & ~bit;
 }
 
-// A point has at most one contact with a part. The hands pass through some flexible objects.
+void SkinContact::set_hands_passing(bool on) {
+  is_deep_ = is_deep_ || (!on && passing(kHands));
+  set_passing(kHands, on);
+}
+
+// A point has at most one contact with a part. The hands pass through some flexible objects, or through each other.
 bool SkinContact::cannot_begin(int point, int part) {
   if (has_anchor(point, part) != 0) return true;
   if (passing_ == 0) return false;
   const int own = skin_part(points_[point].body), object = std::max(own, part) - kFirstSoftPart;
-  return object >= 0 && std::min(own, part) < kFirstSoftPart && passing(object);
+  if (object < 0) return skin_owner(own) != skin_owner(part) && passing(kHands);
+  return std::min(own, part) < kFirstSoftPart && passing(object);
 }
 
 void SkinContact::add_pattern(BlockPattern& pattern) const {

@@ -72,7 +72,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
       std::int32_t triangle = 0;
     };
     std::vector<Item> anchors;           // in the order in which they began
-    std::uint32_t passing = 0;           // flexible objects that the hand passes through, one bit each
+    std::uint32_t passing = 0;           // one bit for each flexible object, and kHands
     bool is_deep = true;                 // points may be far inside another part
     double dissipated = 0, cleared = 0;  // J
   };
@@ -84,6 +84,8 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   /// While `on`, no contact begins between the hands and a flexible object. Present contacts stay.
   void set_passing(int object, bool on);
   bool passing(int object) const { return (passing_ >> object & 1U) != 0; }
+  /// The same for contacts between two hands. Afterwards the next step looks for points that are far inside.
+  void set_hands_passing(bool on);
 
   /// In the order in which they began.
   std::span<const SkinAnchor> anchors() const { return anchors_; }
@@ -101,6 +103,8 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   std::uint64_t dropped() const { return dropped_; }
 
  private:
+  static constexpr int kHands = 31;  // bit of `passing_`; there are fewer flexible objects
+
   std::uint8_t& has_anchor(int point, int part) {
     return has_anchor_[static_cast<std::size_t>(point) * static_cast<std::size_t>(search_.patches().part_count()) +
                        static_cast<std::size_t>(part)];

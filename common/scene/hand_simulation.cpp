@@ -353,7 +353,8 @@ StepReport HandSimulation::step(double time_step) {
   if (std::exchange(restored_, false)) {
     for (const auto& hand : hands_) untangled_nodes_ += static_cast<std::uint64_t>(hand->check_outside_state(state_));
   }
-  if (soft_) soft_->update_passing(state_, passes_soft_objects_);
+  if (soft_) soft_->update_passing(state_, passes_through_);
+  if (between_ != nullptr) between_->set_hands_passing(passes_through_);
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;

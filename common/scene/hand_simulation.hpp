@@ -195,9 +195,9 @@ class HandSimulation {
   /// flexible objects and those between hands. If a hand is there, the hands pass through it until they have left the
   /// box around the object.
   void restart_soft_object(int object);
-  /// While `on`, the hands pass through all flexible objects. Afterwards they still pass through those they are in,
-  /// until they have left them.
-  void pass_through_soft_objects(bool on) { passes_soft_objects_ = on; }
+  /// While `on`, the hands pass through each other and through all flexible objects. Afterwards they still pass through
+  /// those objects that they are in, until they have left them.
+  void pass_through(bool on) { passes_through_ = on; }
   /// As in contact_patches.hpp, of the object in the slot.
   void write_patches(int slot, BoundedVector<ContactPatch, kMaxPatches>& patches) const;
   /// Writes the traction of the contacts on the hand's skin: with objects, flexible objects, the skin itself and
@@ -255,7 +255,7 @@ class HandSimulation {
   std::vector<std::int32_t> node_bones_;  // by node, the body of the nearest bone; -1: of a flexible object
   mutable ContactReport report_;          // scratch of `write_contacts`
   std::unique_ptr<SoftObjects> soft_;     // null: there are none
-  bool passes_soft_objects_ = false;
+  bool passes_through_ = false;
   ObjectSpring object_spring_;
   int mirrored_slots_;
   int static_slots_;

@@ -102,7 +102,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
     return output();
   }
   mirror_.begin_step(now, settles(), input.other_hands);
-  simulation_->pass_through_soft_objects(settles());
+  simulation_->pass_through(settles());
   simulation_->enable_ledger(requested.ledger);
   if (input.work_budget > 0 && options_.simulation.solver.work_budget > 0)
     simulation_->set_work_budget(input.work_budget);

@@ -13,7 +13,7 @@ namespace softhand {
 namespace {
 
 // s after a reposition. The hand was placed in its rest pose, so its fingers move fast. They must not hit objects away,
-// and pass through flexible ones.
+// and pass through flexible ones and through the other hand.
 constexpr double kSettlingTime = 0.1;
 
 bool usable(const JointSample& joint) {

@@ -81,6 +81,13 @@ TEST(TwoHands, ClapInOneProcess) {
   EXPECT_GT(summary["skin"]["hand_on_hand_force_max_n"].get<double>(), 10);
 }
 
+// Both hands are placed in their rest pose 0.2 s before the palms meet, and their fingers move to the targets at once.
+TEST(TwoHands, HandsThatAppearBesideEachOtherDoNotHitEachOther) {
+  const nlohmann::json summary = simulate("clap", {"tracker.start_time=0.8", "simulate.seconds=0.4"});
+  EXPECT_GT(summary["skin"]["hand_on_hand_force_max_n"].get<double>(), 10) << "they clap";
+  EXPECT_LT(summary["skin"]["hand_on_hand_force_max_n"].get<double>(), 100);
+}
+
 // Hands of 400 nodes have too coarse triangles for its penetration.
 TEST(TwoHands, InterlaceTheirFingersInOneProcess) {
   const nlohmann::json summary = simulate("interlaced", {"generator.hold_time=0.2"}, "right_750.hand.json");

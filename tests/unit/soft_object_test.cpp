@@ -281,7 +281,7 @@ TEST(SoftObject, PassesThroughAHandItIsPutBackInto) {
   EXPECT_EQ(soft.passing(), 0);
   EXPECT_NEAR(soft.skin_force(0).y() / (soft.mass(0) * 9.81), 1, 0.05);
 
-  simulation->pass_through_soft_objects(true);
+  simulation->pass_through(true);
   advance({}, 1);
   EXPECT_EQ(soft.passing(), 1);
 }
