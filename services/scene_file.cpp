@@ -174,8 +174,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
       "Empty = the first.");
   v.flag("one_process", o.one_process,
          "One process simulates both hands of `[[hands]]`, so their skins touch each other (docs/two-hands.md). The "
-         "options of the first hand's process hold for both. Only `softhand simulate` and `softhand render` can do "
-         "this yet.");
+         "options of the first hand's process hold for both.");
   v.integer("user", o.user, "1", {0, 15}, "User of the hand. It is part of the key of every topic about a hand.");
   v.string("motion", o.motion,
            "Recorded motion that the replay tracker plays: CSV of WebXR joint poses, columns in "
@@ -275,6 +274,20 @@ Scene read_own_scene(const std::string& path, const std::vector<std::string>& ov
   const fs::path file = user_hand_path(hand_key(scene));
   if (!file.empty() && fs::exists(file)) scene.calibration = load_calibration(file.string());
   return scene;
+}
+
+std::vector<Scene> read_process_scenes(const std::string& path, const std::vector<std::string>& overrides) {
+  std::vector<Scene> scenes{read_own_scene(path, overrides)};
+  if (!scenes[0].options.one_process) return scenes;
+  const std::vector<std::string>& names = scenes[0].hands;
+  const std::string& plays = scenes[0].options.plays;
+  if (!plays.empty() && plays != names[0])
+    throw ConfigError(path + ": plays: one_process is true, so the process of '" + names[0] + "' simulates '" + plays +
+                      "' too");
+  std::vector<std::string> of_other = overrides;
+  of_other.push_back("plays=" + names[1]);
+  scenes.push_back(read_own_scene(path, of_other));
+  return scenes;
 }
 
 std::vector<std::string> object_folders(const Scene& scene) {

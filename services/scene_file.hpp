@@ -174,6 +174,10 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
 /// Without a person, results must not depend on the machine.
 Scene read_own_scene(const std::string& path, const std::vector<std::string>& overrides);
 
+/// The scenes of the hands that one process of a person simulates: that of `read_own_scene`, and with `one_process` the
+/// same scene as the other hand plays it. Throws ConfigError, also if `plays` names the other hand.
+std::vector<Scene> read_process_scenes(const std::string& path, const std::vector<std::string>& overrides);
+
 /// Folders in which a process looks for the object files that descriptions name.
 std::vector<std::string> object_folders(const Scene& scene);
 /// The same for a text that `path` had. Files that the scene names are searched as if it had been read from `path`.

@@ -11,7 +11,7 @@ namespace softhand {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr int kVersion = 3;
+constexpr int kVersion = 4;
 
 // One list of the fields serves writing and reading.
 template <typename Header, typename Visit>
@@ -21,8 +21,8 @@ void for_each_field(Header& header, Visit&& visit) {
   visit("scene", header.scene);
   visit("scene_text", header.scene_text);
   visit("overrides", header.overrides);
-  visit("calibration", header.calibration);
-  visit("hand", header.hand);
+  visit("calibrations", header.calibrations);
+  visit("hands", header.hands);
   visit("build", header.build);
   visit("instruction_set", header.instruction_set);
   visit("reason", header.reason);
@@ -40,28 +40,36 @@ std::string hash_text(const HandModel& hand) {
   return text.data();
 }
 
-FlightHeader flight_header(std::string loop, std::string module, const Scene& scene, std::vector<std::string> overrides,
-                           const HandModel* hand) {
+FlightHeader flight_header(std::string loop, std::string module, std::span<const Scene> scenes,
+                           std::vector<std::string> overrides, std::span<const HandModel> hands) {
+  const std::string& path = scenes.front().path;
   FlightHeader header;
   header.loop = std::move(loop);
   header.module = std::move(module);
-  header.scene = std::filesystem::absolute(scene.path).lexically_normal().string();
-  header.scene_text = config_detail::read_whole_file(scene.path);
+  header.scene = std::filesystem::absolute(path).lexically_normal().string();
+  header.scene_text = config_detail::read_whole_file(path);
   header.overrides = std::move(overrides);
-  if (hand != nullptr && scene.calibration) header.calibration = scene.calibration->text;
-  if (hand != nullptr) header.hand = hash_text(*hand);
+  for (std::size_t h = 0; h < hands.size(); ++h) {
+    header.calibrations.push_back(scenes[h].calibration ? scenes[h].calibration->text : "");
+    header.hands.push_back(hash_text(hands[h]));
+  }
   header.instruction_set = to_string(widest_instruction_set());
   return header;
 }
 
-Scene scene_of(const FlightHeader& header) {
+std::vector<Scene> scenes_of(const FlightHeader& header) {
   std::vector<std::string> overrides = header.overrides;
   overrides.emplace_back("calibration=none");
-  Scene scene = read_scene_text(header.scene, header.scene_text, overrides);
-  if (header.calibration.empty()) return scene;
-  const std::string path = "the calibration in the flight file";
-  scene.calibration = Calibration{path, header.calibration, read_user_hand(header.calibration, path)};
-  return scene;
+  std::vector<Scene> scenes{read_scene_text(header.scene, header.scene_text, overrides)};
+  for (std::size_t h = 1; h < header.hands.size(); ++h) {
+    overrides.push_back("plays=" + scenes[0].hands.at(h));
+    scenes.push_back(read_scene_text(header.scene, header.scene_text, overrides));
+  }
+  for (std::size_t h = 0; h < header.calibrations.size(); ++h) {
+    const std::string &text = header.calibrations[h], path = "the calibration in the flight file";
+    if (!text.empty()) scenes.at(h).calibration = Calibration{path, text, read_user_hand(text, path)};
+  }
+  return scenes;
 }
 
 std::string to_json(const FlightHeader& header) {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <utility>
@@ -36,17 +37,20 @@ struct FlightHeader {
   std::string scene;                   ///< absolute path; files that the scene names are searched beside it
   std::string scene_text;              ///< TOML
   std::vector<std::string> overrides;  ///< of the command line, and what the process chose at its start
-  std::string calibration;             ///< text of the user's file, to which the hand was fitted; empty: none
-  std::string hand;                    ///< hash of the hand model; empty for a loop without a hand
+  // By hand of the process. A loop without a hand has none.
+  std::vector<std::string> calibrations;  ///< text of the user's file, to which the hand was fitted; empty: none
+  std::vector<std::string> hands;         ///< hash of the hand model
   std::string build = kFlightBuild;
   std::string instruction_set;  ///< the widest one of this machine's processor
   std::string reason;           ///< of the file
 };
-/// The header of a process that runs now. `hand` is null for a loop without a hand.
-FlightHeader flight_header(std::string loop, std::string module, const Scene& scene, std::vector<std::string> overrides,
-                           const HandModel* hand);
-/// The scene of a file. Files that it names are read as they are now, except the calibration.
-Scene scene_of(const FlightHeader& header);
+/// The header of a process that runs now. `scenes`: of its hands, or one scene. `hands`: empty for a loop without a
+/// hand.
+FlightHeader flight_header(std::string loop, std::string module, std::span<const Scene> scenes,
+                           std::vector<std::string> overrides, std::span<const HandModel> hands);
+/// The scenes of a file, one by one as in `flight_header`. Files that they name are read as they are now, except the
+/// calibration.
+std::vector<Scene> scenes_of(const FlightHeader& header);
 std::string to_json(const FlightHeader& header);
 /// Throws std::runtime_error if the text is not a header.
 FlightHeader flight_header_from_json(const std::string& text);

@@ -4,7 +4,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <optional>
 #include <stdexcept>
 
 #include "flight/hand_flight.hpp"
@@ -159,15 +158,16 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
                     "tolerance",
                     options.path, foreign));
   const bool within_tolerance = !foreign.empty();
-  const Scene scene = scene_of(header);
-  const HandKey key = hand_key(scene);
-  std::optional<HandModel> hand;
-  if (!header.hand.empty()) {
-    hand = load_scene_hand(scene);
-    if (hash_text(*hand) != header.hand)
+  const std::vector<Scene> scenes = scenes_of(header);
+  const Scene& scene = scenes.front();
+  std::vector<KeyedHand> hands;
+  for (std::size_t h = 0; h < header.hands.size(); ++h) {
+    hands.push_back({load_scene_hand(scenes[h]), hand_key(scenes[h])});
+    if (const std::string hash = hash_text(hands[h].model); hash != header.hands[h])
       throw std::runtime_error(fmt::format("{}: the hand {} has changed since: its hash is {}, expected {}",
-                                           options.path, scene.options.hand.model, hash_text(*hand), header.hand));
+                                           options.path, scene.options.hand.model, hash, header.hands[h]));
   }
+  if (hands.empty() && header.loop != "world") throw std::runtime_error(options.path + ": names no hand");
   print(fmt::format("{}: {} of scene {}; {}", options.path, header.module, header.scene,
                     foreign.empty() ? "same build and processor" : foreign));
   RepeatResult result;
@@ -175,8 +175,8 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
     result = repeat_records<HandLoop>(
         file,
         [&] {
-          auto loop = std::make_unique<HandLoop>(hand.value(), scene.options.hand, key,
-                                                 object_spring(scene.options.world), scene.soft_objects);
+          auto loop = std::make_unique<HandLoop>(hands, scene.options.hand, object_spring(scene.options.world),
+                                                 scene.soft_objects);
           loop->use_file_shapes(
               [folders = object_folders(scene)](const ShapeFile& shape) { return load_shape(shape, folders); });
           return loop;
@@ -186,7 +186,8 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
     result = repeat_records<TrackingLoop>(
         file,
         [&] {
-          return std::make_unique<TrackingLoop>(scene.options.tracking, scene.options.hand.rate_hz, hand.value(), key);
+          return std::make_unique<TrackingLoop>(scene.options.tracking, scene.options.hand.rate_hz, hands[0].model,
+                                                hands[0].key);
         },
         options, within_tolerance, print);
   } else if (header.loop == "world") {

@@ -45,30 +45,38 @@ HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::fun
   return choice;
 }
 
-double measure_fast_step(const HandModel& hand, const HandOptions& options, const std::vector<SoftObject>& soft_objects,
-                         double enough, const std::function<double()>& clock) {
+double measure_fast_step(const std::vector<HandModel>& hands, const HandOptions& options,
+                         const std::vector<SoftObject>& soft_objects, double enough,
+                         const std::function<double()>& clock) {
   SimulationOptions live = options.simulation;
   live.solver.chord_tolerance = 0;
   live.solver.work_budget = kLeastFastSteps;
   const int mirrored = static_cast<int>(options.mirrored_objects);
-  HandSimulation simulation(hand, live, mirrored, std::max(1, static_cast<int>(options.static_objects)), {}, 0,
+  HandSimulation simulation(hands, live, mirrored, std::max(1, static_cast<int>(options.static_objects)), {}, 0,
                             soft_objects);
-  // The hand presses on a table, because contact is expensive.
+  // Each hand presses on a table, because contact is expensive.
   Shape plane;
   plane.kind = static_cast<std::uint32_t>(ShapeKind::plane);
   const ShapeGeometry table(plane);
   double lowest = std::numeric_limits<double>::infinity();
-  for (const Vector3& node : hand.nodes) lowest = std::min(lowest, node.y());
+  for (const Vector3& node : hands.front().nodes) lowest = std::min(lowest, node.y());
+  const auto place = [](std::size_t h) { return Vector3(static_cast<double>(h), 0, 0); };
+  for (std::size_t h = 1; h < hands.size(); ++h) {
+    const Pose& wrist = hands[h].rest_joints[slot_of(Joint::wrist)];
+    simulation.reposition({wrist.position + place(h), wrist.orientation}, static_cast<int>(h));
+  }
   simulation.set_slot(mirrored, {.id = 1, .shape = &table, .friction = kFriction});
   simulation.set_slot_motion(mirrored, {Vector3(0, lowest, 0), Quaternion::Identity()}, {});
   std::vector<double> samples;
   std::vector<char> cache(kCacheBytes);
   for (int k = 0; k < kWarmUp + kSamples; ++k) {
     const Vector3 offset(k % 2 == 0 ? kTargetAmplitude : -kTargetAmplitude, -kTargetDepth, 0);
-    for (std::size_t b = 0; b < kBodyCount; ++b) {
-      const Body body = static_cast<Body>(b);
-      const Pose& rest = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))];
-      simulation.set_target(body, {rest.position + offset, rest.orientation}, {});
+    for (std::size_t h = 0; h < hands.size(); ++h) {
+      for (std::size_t b = 0; b < kBodyCount; ++b) {
+        const Body body = static_cast<Body>(b);
+        const Pose& rest = hands[h].rest_joints[slot_of(joint_of(body))];
+        simulation.set_target(body, {rest.position + place(h) + offset, rest.orientation}, {}, 1, static_cast<int>(h));
+      }
     }
     std::fill(cache.begin(), cache.end(), static_cast<char>(k));
     const double start = clock();

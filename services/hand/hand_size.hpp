@@ -23,11 +23,12 @@ struct HandSizeChoice {
 /// stops at the first size that is too fine.
 HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::function<double(std::size_t)>& measure);
 
-/// Expected time of the work of a fast step in a live hand, with the flexible objects of the scene, in seconds of
-/// `clock`. The median of up to nine steps of a hand that moves to and fro on a table, with a budget of two fast steps,
-/// times an allowance for what a live step has in addition. The steps find their data in no cache of a core. Stops
-/// after three or more steps if all samples are longer than `enough`.
-double measure_fast_step(const HandModel& hand, const HandOptions& options, const std::vector<SoftObject>& soft_objects,
-                         double enough, const std::function<double()>& clock);
+/// Expected time of the work of a fast step in a live process of one or two hands, with the flexible objects of the
+/// scene, in seconds of `clock`. The median of up to nine steps of hands that move to and fro on a table, with a budget
+/// of two fast steps, times an allowance for what a live step has in addition. The steps find their data in no cache of
+/// a core. Stops after three or more steps if all samples are longer than `enough`.
+double measure_fast_step(const std::vector<HandModel>& hands, const HandOptions& options,
+                         const std::vector<SoftObject>& soft_objects, double enough,
+                         const std::function<double()>& clock);
 
 }  // namespace softhand

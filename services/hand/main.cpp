@@ -1,11 +1,12 @@
-// softhand-hand: the simulation of one hand. For several hands run several processes. The key (user, side) of every
-// topic distinguishes them.
+// softhand-hand: the simulation of one hand, or with `one_process` of both hands of a person. For other hands run
+// further processes. The key (user, side) of every topic distinguishes the hands.
 #include <fmt/format.h>
 
 #include <chrono>
 #include <cstdio>
 #include <optional>
 #include <type_traits>
+#include <vector>
 
 #include "flight/hand_flight.hpp"
 #include "hand/hand_loop.hpp"
@@ -35,13 +36,19 @@ void log_line(fmt::format_string<Parts...> text, Parts&&... parts) {
   fmt::print(stderr, "softhand-hand: {}\n", fmt::format(text, std::forward<Parts>(parts)...));
 }
 
-HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, double budget) {
+std::vector<HandModel> load_hands(const std::vector<Scene>& scenes, const std::string& file) {
+  std::vector<HandModel> hands;
+  for (const Scene& scene : scenes) hands.push_back(load_scene_hand(scene, file));
+  return hands;
+}
+
+HandSizeChoice choose_size(const std::vector<Scene>& scenes, const HandOptions& options, double budget) {
   std::vector<int> nodes;
   const double start = seconds_now();
   const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, [&](std::size_t size) {
-    const HandModel hand = load_scene_hand(scene, kHandSizes[size]);
-    nodes.push_back(hand.node_count());
-    return measure_fast_step(hand, options, scene.soft_objects, budget, seconds_now);
+    const std::vector<HandModel> hands = load_hands(scenes, kHandSizes[size]);
+    nodes.push_back(hands.front().node_count());
+    return measure_fast_step(hands, options, scenes.front().soft_objects, budget, seconds_now);
   });
   std::string measured;
   for (std::size_t size = 0; size < nodes.size(); ++size) {
@@ -60,16 +67,18 @@ HandSizeChoice choose_size(const Scene& scene, const HandOptions& options, doubl
 constexpr int kMostDescriptions = 32;
 
 void run(int argc, char** argv) {
-  const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand");
-  const Scene scene = read_own_scene(arguments.config, arguments.overrides);
-  if (scene.options.one_process)
-    throw ConfigError(scene.path + ": one_process: softhand-hand simulates one hand, expected `one_process = false`");
+  const ServiceArguments arguments = parse_arguments(argc, argv, "hand", "Simulation of a soft hand, or of two");
+  const std::vector<Scene> scenes = read_process_scenes(arguments.config, arguments.overrides);
+  const Scene& scene = scenes.front();
   HandOptions options = scene.options.hand;
-  const HandKey key = hand_key(scene);
+  const std::uint32_t user = hand_key(scene).user;
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto& p = service.participant();
-  bus::Reader skeletons(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton, key);
+  std::vector<bus::Reader<Skeleton>> skeletons;  // by hand
+  for (const Scene& each : scenes)
+    skeletons.emplace_back(p, options.direct ? bus::topics::tracked_skeleton : bus::topics::intermediate_skeleton,
+                           hand_key(each));
   bus::Reader heads(p, bus::topics::head_pose);
   bus::Reader worlds(p, bus::topics::objects);
   std::optional<bus::Reader<ObjectCoupling>> couplings;  // of other hands
@@ -94,18 +103,19 @@ void run(int argc, char** argv) {
   // less exact step. Therefore the period is converted into an amount of work. Live steps correct the price of work.
   const double budget_seconds = kBudgetFraction / options.rate_hz;
   HandSizeChoice choice;
-  if (chooses_hand_size(scene)) choice = choose_size(scene, options, budget_seconds);
+  if (chooses_hand_size(scene)) choice = choose_size(scenes, options, budget_seconds);
   const std::string model = chooses_hand_size(scene) ? kHandSizes[choice.size] : scene.options.hand.model;
-  const HandModel hand = load_scene_hand(scene, model);
+  const std::vector<HandModel> models = load_hands(scenes, model);
   const double fast_step = chooses_hand_size(scene)
                                ? choice.fast_steps[choice.size]
-                               : measure_fast_step(hand, options, scene.soft_objects, budget_seconds, seconds_now);
+                               : measure_fast_step(models, options, scene.soft_objects, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
   const bool learns_budget = work_budget == 0;
   WorkPrice price(fast_step, budget_seconds);
   if (learns_budget) work_budget = price.budget();
-  log_line("a fast step of {} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps at first",
-           hand.node_count(), 1e3 * fast_step, work_budget);
+  const int nodes = models.front().node_count();
+  log_line("a fast step of {}{} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps at first",
+           models.size() > 1 ? "two hands of " : "", nodes, 1e3 * fast_step, work_budget);
 
   // The shapes of the scene are ready before the loop starts. Others are built beside the loop.
   ObjectShapes shapes(object_folders(scene));
@@ -118,22 +128,26 @@ void run(int argc, char** argv) {
   chosen.push_back("hand.model=" + model);
   chosen.push_back(fmt::format("hand.simulation.solver.work_budget={:.17g}", work_budget));
   const auto recorder = make_flight_recorder(
-      scene.options.flight, flight_header("hand", arguments.module, scene, chosen, &hand), arguments.flight);
+      scene.options.flight, flight_header("hand", arguments.module, scenes, chosen, models), arguments.flight);
   HandInvariants invariants(scene.options.flight);
 
   // Create the loop after the DDS threads, because its helper thread pins this thread to a core. Create it after the
   // service has set its urgency, because the helper inherits that urgency.
-  HandLoop loop(hand, options, key, object_spring(scene.options.world), scene.soft_objects);
+  std::vector<KeyedHand> hands;
+  for (std::size_t h = 0; h < scenes.size(); ++h) hands.push_back({models[h], hand_key(scenes[h])});
+  HandLoop loop(hands, options, object_spring(scene.options.world), scene.soft_objects);
   Flight flight(loop, recorder.get());
-  const auto description = std::make_unique<HandDescription>(loop.description());
-  service.stamp(description->stamp);
-  description_writer.write(*description);
+  for (int h = 0; h < loop.hand_count(); ++h) {
+    const auto description = std::make_unique<HandDescription>(loop.description(h));
+    service.stamp(description->stamp);
+    description_writer.write(*description);
+  }
   for (SoftObjectDescription& each : loop.soft_object_descriptions()) {
     service.stamp(each.stamp);
     soft_description_writer->write(each);
   }
 
-  auto skeleton = std::make_unique<Skeleton>();
+  std::vector<Skeleton> newest(scenes.size());
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
   NewestCouplings other_hands(couplings ? 2 * bus::topics::kHands : 0);  // as many as a reader follows
@@ -176,16 +190,17 @@ void run(int argc, char** argv) {
       }
     });
     HandInput input;
-    if (skeletons.take_latest(*skeleton)) input.skeleton = skeleton.get();
+    if (skeletons[0].take_latest(newest[0])) input.skeleton = &newest[0];
+    if (skeletons.size() > 1 && skeletons[1].take_latest(newest[1])) input.second_skeleton = &newest[1];
     if (worlds.take_latest(*world)) input.world = world.get();
     heads.take_all([&](const HeadPose& each) {
-      if (each.user != key.user) return;
+      if (each.user != user) return;
       head = each;
       input.head = &head;
     });
     if (couplings) {
       couplings->take_all([&](const ObjectCoupling& each) {
-        if (!(each.hand == key)) other_hands.put(each, now);
+        if (!(each.hand == loop.key())) other_hands.put(each, now);
       });
       input.other_hands = other_hands.all();
     }
@@ -197,24 +212,28 @@ void run(int argc, char** argv) {
                                      .ledger = service.status_requested()};
     if (learns_budget) input.work_budget = work_budget = price.budget();
     const double started = seconds_now();
-    HandOutput& output =
-        flight.step(now, {input, requested}, [&]() -> HandOutput& { return loop.step(now, input, requested); });
-    if (learns_budget && output.valid) price.learn(seconds_now() - started, output.report.work);
+    flight.step(now, {input, requested}, [&]() -> HandOutput& { return loop.step(now, input, requested); });
+    if (learns_budget && loop.plays()) price.learn(seconds_now() - started, loop.report().work);
     if (const char* wrong = recorder ? invariants.check(loop) : nullptr) flight.report(wrong);
-    if (!output.valid) return;
-    publish(simulated_writer, output.simulated);
-    publish(coupling_writer, output.coupling);
-    publish(contacts_writer, output.contacts);
-    publish(traction_writer, output.traction);
-    publish(surface_writer, output.surface);
-    for (SoftObjectState& each : output.soft_objects) publish(*soft_writer, each);
-    if (options.direct) publish(wrench_writer, output.bone_wrench);
+    if (!loop.plays()) return;
+    publish(coupling_writer, loop.output().coupling);
+    for (int h = 0; h < loop.hand_count(); ++h) {
+      HandOutput& output = loop.output(h);
+      if (!output.valid) continue;
+      publish(simulated_writer, output.simulated);
+      publish(contacts_writer, output.contacts);
+      publish(traction_writer, output.traction);
+      publish(surface_writer, output.surface);
+      if (options.direct) publish(wrench_writer, output.bone_wrench);
+    }
+    for (SoftObjectState& each : loop.output().soft_objects) publish(*soft_writer, each);
   };
   const auto fill_status = [&](LoopStatus& status, Nanoseconds now) {
     loop.fill_status(status, now);
-    count_inputs(status, p, skeletons, heads, worlds, descriptions, joints);
+    for (const auto& reader : skeletons) count_inputs(status, p, reader);
+    count_inputs(status, p, heads, worlds, descriptions, joints);
     if (couplings) add_counter(status, "patches_used", static_cast<double>(loop.simulation().work().patches_used));
-    add_counter(status, "hand_nodes", hand.node_count());
+    add_counter(status, "hand_nodes", nodes);
     add_counter(status, "phase_locked", phase_lock.locked() ? 1 : 0);
     add_counter(status, "sample_wait_ms", static_cast<double>(phase_lock.wait()) * 1e-6);
     add_counter(status, "fast_step_ms", 1e3 * price.fast_step());
@@ -223,7 +242,8 @@ void run(int argc, char** argv) {
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
-  // Two hands that hold one object would step at the same moment, each with data of the other that are a period old.
+  // Two hands of two processes that hold one object would step at the same moment, each with data of the other that are
+  // a period old.
   const bool locks = options.phase_lock && !options.simulation.other_hands;
   const auto shift = [&](Nanoseconds due) {
     return phase_lock.follow(due, service.clock().at(loop.tracked_published()));

@@ -17,7 +17,7 @@ void run(int argc, char** argv) {
 
   Service service(arguments, scene.options.tracking.rate_hz, Pacing::simulated);
   const auto recorder = make_flight_recorder(
-      scene.options.flight, flight_header("tracking", arguments.module, scene, arguments.overrides, &model),
+      scene.options.flight, flight_header("tracking", arguments.module, {&scene, 1}, arguments.overrides, {&model, 1}),
       arguments.flight);
   Flight flight(loop, recorder.get());
   std::uint64_t refused_nonfinite = 0;

@@ -21,7 +21,7 @@ void run(int argc, char** argv) {
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto recorder = make_flight_recorder(
-      scene.options.flight, flight_header("world", arguments.module, scene, arguments.overrides, nullptr),
+      scene.options.flight, flight_header("world", arguments.module, {&scene, 1}, arguments.overrides, {}),
       arguments.flight);
   Flight flight(loop, recorder.get());
   WorldCounters counters;

@@ -40,6 +40,18 @@ struct Files {
   fs::path folder;
 };
 
+// Repeats a file. Every state and snapshot must have the recorded bits. Returns the output.
+std::string repeat(const std::string& file) {
+  const Finished repeated = run_program({kProgram, "simulate", "--from", file});
+  const std::string tail =
+      repeated.output.substr(repeated.output.size() - std::min<std::size_t>(repeated.output.size(), 2000));
+  EXPECT_EQ(repeated.exit_code, 0) << tail;
+  EXPECT_NE(repeated.output.find(": 0 different states, 0 different snapshots"), std::string::npos) << tail;
+  EXPECT_EQ(repeated.output.find("DIFFER"), std::string::npos) << tail;
+  std::printf("%s", tail.substr(tail.rfind("written because")).c_str());
+  return repeated.output;
+}
+
 TEST(FlightRig, RepeatsALiveRunWithAKillAStallAndATeleport) {
   testing::use_own_domain();
   Files files("softhand_flight_rig_");
@@ -75,19 +87,29 @@ TEST(FlightRig, RepeatsALiveRunWithAKillAStallAndATeleport) {
   bool teleported = false, asked = false;
   for (const char* module : {"hand", "world", "tracking"}) {
     for (const std::string& file : files.of(module)) {
-      const Finished repeated = run_program({kProgram, "simulate", "--from", file});
-      const std::string tail =
-          repeated.output.substr(repeated.output.size() - std::min<std::size_t>(repeated.output.size(), 2000));
-      EXPECT_EQ(repeated.exit_code, 0) << tail;
-      EXPECT_NE(repeated.output.find(": 0 different states, 0 different snapshots"), std::string::npos) << tail;
-      EXPECT_EQ(repeated.output.find("DIFFER"), std::string::npos) << tail;
-      teleported = teleported || repeated.output.find("message object.teleport cube") != std::string::npos;
-      asked = asked || repeated.output.find("written because: asked by the test") != std::string::npos;
-      std::printf("%s", tail.substr(tail.rfind("written because")).c_str());
+      const std::string output = repeat(file);
+      teleported = teleported || output.find("message object.teleport cube") != std::string::npos;
+      asked = asked || output.find("written because: asked by the test") != std::string::npos;
     }
   }
   EXPECT_TRUE(teleported);
   EXPECT_TRUE(asked);
+}
+
+TEST(FlightRig, RepeatsTwoHandsOfOneProcess) {
+  testing::use_own_domain();
+  Files files("softhand_flight_two_hands_");
+  {
+    RigListener listener;
+    Up up("config/rigs/two_hands_one_process.toml",
+          {"--flight", files.folder.string(), "--set", "hand.model=right_400.hand.json", "--set", "viewer.port=0"});
+    ASSERT_TRUE(listener.wait(20s, [&] { return listener.modules["hand"].steps > 300; })) << up.output();
+    listener.listen(1s);
+    up.send_signal(SIGINT);
+    EXPECT_EQ(up.wait(20s), 0) << up.output();
+  }
+  ASSERT_EQ(files.of("hand").size(), 1u);
+  repeat(files.of("hand")[0]);
 }
 
 TEST(FlightRig, RefusesAFileThatIsNoFlight) {
