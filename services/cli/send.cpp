@@ -11,12 +11,12 @@
 namespace softhand {
 namespace {
 
-// Modules find a new process one after another, within half a second and later on a busy machine. A command for all of
-// them takes effect 0.1 s after it was sent (TimeControl), so all must have found this process before. DDS keeps the
-// message for those that come still later.
+// Modules find a new process one after another, within half a second, and within seconds while a rig starts. A command
+// for all of them takes effect 0.1 s after it was sent (TimeControl), so all must have found this process before. DDS
+// keeps the message for those that come still later.
 void wait_for_readers(const bus::Writer<Message>& writer) {
   using Clock = std::chrono::steady_clock;
-  constexpr std::chrono::milliseconds kQuiet{500}, kMost{2000};
+  constexpr std::chrono::milliseconds kQuiet{500}, kMost{5000};
   const Clock::time_point start = Clock::now();
   Clock::time_point changed = start;
   int readers = 0;
