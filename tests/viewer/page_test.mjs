@@ -4,6 +4,8 @@ import { networkInterfaces } from "node:os";
 import { after, before, test } from "node:test";
 import { Process, browser, build, frame, gateway, pause, publisher, source as folder, until } from "./harness.mjs";
 
+// Chromium draws in software here. With all pixels it drew 3.75 pictures a second on a slow machine.
+const size = { viewport: { width: 800, height: 500 }, deviceScaleFactor: 0.5 };
 let chromium, source, viewer, page;
 const errors = [];
 
@@ -11,7 +13,7 @@ before(async () => {
   source = publisher();
   viewer = await gateway();
   chromium = await browser();
-  page = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+  page = await chromium.newPage(size);
   page.on("pageerror", (error) => errors.push(String(error)));
   await page.goto(viewer.url);
 });
@@ -247,8 +249,9 @@ test("a page on another machine sends messages with the token of its address", {
   const open = await gateway(0, "viewer.address=0.0.0.0", `viewer.hosts=${lan}`);
   const [, address] = await open.process.line(/elsewhere at (\S+)/);
   const answer = async (url) => {
-    const away = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+    const away = await chromium.newPage(size);
     await away.goto(url);
+    await until("connected", async () => (await away.locator("#connection").getAttribute("data-state")) === "open");
     await away.click("#reset");
     const replies = () => away.locator("#replies").textContent();
     const text = await until("an answer", replies);
@@ -575,7 +578,7 @@ test("a browser without WebGL shows the reason", async () => {
 });
 
 test("the page shows why a session was refused", async () => {
-  const plain = await chromium.newPage({ viewport: { width: 800, height: 500 } });
+  const plain = await chromium.newPage(size);
   await plain.addInitScript(() =>
     Object.defineProperty(navigator, "xr", {
       value: {
