@@ -19,6 +19,7 @@ KNOBS = {
     "mesh": ("#d62728", "D", "mesh (against R2)"),
     "combined": ("#9467bd", "P", "mesh and step, one iteration (against all)"),
     "left_out": ("#8c564b", "v", "left-out work (against R0)"),
+    "work_budget": ("#e377c2", "p", "budget of work, fast steps (against R0)"),
     "engine": ("#7f7f7f", "h", "another engine (against R0)"),
 }
 BUDGETS = [(11.1, "90 Hz"), (8.3, "120 Hz"), (4.0, "250 Hz"), (1.0, "1 kHz")]
@@ -32,6 +33,7 @@ def short(row):
         "residual_tolerance": row["setting"].replace(" N", ""),
         "time_step": row["setting"].replace(" s", ""),
         "mesh": row["setting"],
+        "work_budget": row["setting"].replace(" fast steps", ""),
         "engine": row["setting"],
     }.get(row["knob"], "")
 
@@ -78,8 +80,9 @@ def panel(axes, rows, x_key, y_key, lowest, highest, with_front, labels):
 
 def figure(rows, path, x_key, y_key, lowest, highest, with_front, x_label, y_label):
     scenes = list(dict.fromkeys(r["scene"] for r in rows if r["class"] != "Not built"))
-    columns = min(4 if len(scenes) == 7 else 3, len(scenes) + 1)
-    lines = -(-(len(scenes) + 1) // columns)
+    panels = len(scenes) + 1  # with the legend
+    columns = min(panels, min((3, 4, 5), key=lambda n: (-panels % n, n)))  # as few empty ones as possible
+    lines = -(-panels // columns)
     picture, all_axes = plt.subplots(lines, columns, figsize=(4.0 * columns, 3.3 * lines), squeeze=False)
     flat = [axes for line in all_axes for axes in line]
     for axes, scene in zip(flat, scenes):

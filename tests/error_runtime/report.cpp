@@ -206,8 +206,8 @@ std::string to_csv(const Study& study) {
 std::string to_markdown(const Study& study, const std::string& command, const std::string& pictures) {
   const report::Provenance from = report::provenance();
   std::string text =
-      fmt::format("## Error against run time\n\n`{}` on {}, {}, commit {}; CPU time of one pinned thread.\n\n", command,
-                  from.processor, from.compiler, from.commit);
+      fmt::format("## Error against run time\n\n`{}` on {}, {},\ncommit {}; CPU time of one pinned thread.\n\n",
+                  command, from.processor, from.compiler, from.commit);
   text += fmt::format(
       "The hand's loop plays scenes of one second. Every setting gets the same input.\n\n"
       "- Errors are of the whole run: RMS over time and over the skin, weighted by area.\n"

@@ -392,7 +392,9 @@ std::vector<NotBuilt> scenes_not_built(const std::string& recording) {
   std::vector<NotBuilt> scenes;
   if (recording.empty())
     scenes.push_back({"recorded_grasp", "the recording is not in the repository; give it with --motion"});
-  scenes.push_back({"flexible_ball", "objects are rigid, so there is no flexible ball to squeeze"});
+  scenes.push_back(
+      {"flexible_ball",
+       "the scenes of this part have rigid objects only (docs/soft-objects.md has figures of a soft ball)"});
   return scenes;
 }
 

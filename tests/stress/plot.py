@@ -30,7 +30,6 @@ COLOURS = {
     "Diverged": "#5b0f1a",
     "Not built": "#e6e6e6",
 }
-SECTIONS = ["Material", "Solver", "Tracker", "Contact", "Shapes", "Joints", "Bones", "World"]
 WIDEST = 28  # squares per line
 
 
@@ -41,7 +40,7 @@ def legend(present):
 def draw_map(rows, path):
     """Draws one or more lines for each case and one square for each value."""
     lines = []  # (section, case, rows)
-    for section in SECTIONS:
+    for section in dict.fromkeys(row["section"] for row in rows if row["section"] != "Sweep"):
         cases = {}
         for row in rows:
             if row["section"] == section:
