@@ -37,8 +37,9 @@ class Client : public std::enable_shared_from_this<Client> {
                        self->accept();
                      });
   }
+  // A message before the end of the handshake would fail, and close the connection.
   void send(std::string text) {
-    if (text.empty() || is_ended_) return;
+    if (text.empty() || !is_open_ || is_ended_) return;
     waiting_.push_back(std::move(text));
     if (waiting_.size() == 1) write();
   }

@@ -3,6 +3,9 @@
 
 #include <gtest/gtest.h>
 
+#include <boost/asio/ip/tcp.hpp>
+#include <boost/beast/core.hpp>
+#include <boost/beast/websocket.hpp>
 #include <chrono>
 #include <memory>
 #include <mutex>
@@ -91,6 +94,26 @@ TEST_F(Client, ConnectsAgainAfterPowerCycles) {
   EXPECT_EQ(messages_, (std::vector<std::string>(4, "hello")));
   EXPECT_EQ(client_->counters().reconnects, 3u);
   EXPECT_EQ(client_->counters().connections, 1u);
+}
+
+// Messages of the service must not end a connection whose handshake is not done.
+TEST_F(Client, AServiceSendsNothingBeforeTheHandshake) {
+  open_service();
+  boost::asio::io_context context;
+  boost::asio::ip::tcp::socket socket(context);
+  socket.connect({boost::asio::ip::address_v4::loopback(), service_->port()});
+  for (int i = 0; i < 20; ++i) {
+    service_->send("early");
+    std::this_thread::sleep_for(std::chrono::milliseconds(5));
+  }
+  boost::beast::websocket::stream<boost::asio::ip::tcp::socket> stream(std::move(socket));
+  boost::beast::error_code error;
+  stream.handshake("127.0.0.1", "/", error);
+  ASSERT_FALSE(error) << error.message();
+  boost::beast::flat_buffer received;
+  stream.read(received, error);
+  ASSERT_FALSE(error) << error.message();
+  EXPECT_EQ(boost::beast::buffers_to_string(received.cdata()), "welcome");
 }
 
 TEST_F(Client, RefusesMessagesThatAreTooLarge) {
