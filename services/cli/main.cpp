@@ -7,6 +7,7 @@
 #include <functional>
 #include <iterator>
 
+#include "bus/dds_log.hpp"
 #include "bus/network.hpp"
 #include "cli/commands.hpp"
 
@@ -259,6 +260,7 @@ int main(int argc, char** argv) {
   command->callback([&] { run = [] { return run_reference(); }; });
 
   CLI11_PARSE(app, argc, argv);
+  bus::log_to_stderr();
   try {
     return run();
   } catch (const std::exception& error) {

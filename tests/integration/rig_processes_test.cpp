@@ -113,6 +113,20 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
 }
 
 // A stopped process is alive for the kernel, but it does not report. Its status ends, so it is replaced.
+// DDS reports its own errors, here of its settings. They must not be in the data that `softhand` prints.
+TEST_F(Rig, AnErrorOfDdsIsNotInTheJsonOfTheStatus) {
+  const std::string settings = std::filesystem::temp_directory_path() / ("softhand_broken_" + std::to_string(getpid()));
+  std::ofstream(settings) << "<broken";
+  const auto status = [&](const std::string& rest) {
+    return run_program(
+        {"/bin/sh", "-c",
+         "FASTRTPS_DEFAULT_PROFILES_FILE=" + settings + " " SOFTHAND_PROGRAMS "/softhand status --json" + rest});
+  };
+  EXPECT_NE(status(" 2>&1 > /dev/null").output.find("XMLPARSER"), std::string::npos);
+  EXPECT_EQ(status(" 2> /dev/null").output, "{}\n");
+  std::filesystem::remove(settings);
+}
+
 TEST_F(Rig, AProcessThatHangsIsReplaced) {
   RigListener listener;
   Up up(kDemo, {});
