@@ -71,22 +71,22 @@ TEST_F(Rig, StrongerTrackerOwnsTheHandUntilItDies) {
 
 TEST_F(Rig, HeldCubeSurvivesTheHandoverBetweenTrackers) {
   constexpr std::uint32_t kCube = 2;
-  constexpr double kHoldBegins = 5.3;  // s of the motion
-  // The approach is long. So the hand's service is up before the stronger tracker, which is started first, closes the
-  // fingers.
-  const std::vector<std::string> hold{"generator.hold_time=60", "generator.approach_time=3"};
+  constexpr double kHoldBegins = 3.3;  // s of the motion
+  const std::vector<std::string> hold{"generator.hold_time=60"};
   RigListener listener;
   Program strong(stronger_tracker("5", hold));
   Up up(kDemo, as_arguments(hold));
   const auto owner = [&] { return listener.tracked.empty() ? 0u : listener.tracked.back().source; };
-  const auto holds_since = [&](const char* module) {
-    const double start = listener.counter(module, "motion_start_s");
-    return start > 0 ? static_cast<double>(now()) * 1e-9 - start - kHoldBegins
-                     : -1.0;  // the start is NaN before it is known, and NaN is not > 0
+  ASSERT_TRUE(listener.wait(30s, [&] { return all_present(listener) && listener.process_id("strong") > 0; }))
+      << up.output();
+  // All begin again together. A hand that starts late would find the fingers closed in the cube.
+  const double reset = static_cast<double>(now()) * 1e-9;
+  ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "reset", "now"}).exit_code, 0);
+  const auto holds = [&](const char* module) {
+    const double start = listener.counter(module, "motion_start_s");  // NaN before it is known
+    return start > reset && static_cast<double>(now()) * 1e-9 > start + kHoldBegins + 1;
   };
-  ASSERT_TRUE(listener.wait(30s, [&] {
-    return all_present(listener) && holds_since("tracker") > 1 && holds_since("strong") > 1;
-  })) << up.output();
+  ASSERT_TRUE(listener.wait(30s, [&] { return holds("tracker") && holds("strong"); })) << up.output();
   ASSERT_EQ(owner(), 2u);
   ASSERT_GT(listener.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
 
