@@ -20,6 +20,12 @@ constexpr double kStalled = 0.5;  // ratio of two residuals
 constexpr double kNearMinimum = 2.5e-4;
 // And if no node is faster, m/s. In a fist that closes fast, the estimates of truncated steps are wrong.
 constexpr double kSlow = 0.2;
+// Or if its residual (N, N m) is below this and no node is faster (m/s).
+constexpr double kBalanced = 0.3, kFast = 0.5;
+// Condensed iterations may take this work (fast steps) beyond the budget. They gain nothing above this residual (N,
+// N m): there, contact alone is solved instead.
+constexpr double kOverrun = 0.9;
+constexpr double kCalm = 10;
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
@@ -33,6 +39,7 @@ bool has_whole_factor(const StepReport& report) { return report.factorisations >
 
 FactorPolicy::FactorPolicy(const SolverOptions& options, const StepWork& prices)
     : options_(options),
+      may_condense_(options.keep_factor && options.line_search && options.max_iterations >= kFewIterations),
       equivalent_iterations_(tries_exact(options) ? kEquivalentIterationsExact : kEquivalentIterationsProjected),
       evaluation_work_(prices.evaluation),
       contact_work_(prices.contact_blocks),
@@ -41,8 +48,7 @@ FactorPolicy::FactorPolicy(const SolverOptions& options, const StepWork& prices)
       whole_work_(prices.linearisation + prices.whole_factor + reuse_work_) {}
 
 void FactorPolicy::begin_step(double time_step, bool has_factor, bool touches) {
-  may_reuse_ = options_.keep_factor && options_.line_search && options_.max_iterations >= kFewIterations &&
-               !carried_.was_cut_off_far;
+  may_reuse_ = may_condense_ && !carried_.was_cut_off_far;
   has_factor_ = has_factor;
   is_first_ = true;
   is_revised_ = false;
@@ -56,12 +62,18 @@ void FactorPolicy::begin_step(double time_step, bool has_factor, bool touches) {
   remaining_move_ = estimated_move_ = std::numeric_limits<double>::infinity();
 }
 
+bool FactorPolicy::exceeds_overrun(const StepReport& report) const {
+  return options_.work_budget > 0 && report.work > options_.work_budget + kOverrun;
+}
+
+bool FactorPolicy::is_balanced(const StepReport& report) { return report.residual <= kBalanced; }
+
 double FactorPolicy::remaining_work(const StepReport& report) const {
   return options_.work_budget > 0 ? options_.work_budget - reserved_ - report.work
                                   : std::numeric_limits<double>::infinity();
 }
 
-FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_renew_kinks) const {
+FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_renew_kinks, bool condenses) const {
   bool renews = !reuses_;
   bool renews_kinks =
       renews && may_reuse_ && can_renew_kinks && consecutive_kinks_ < kMaxConsecutiveKinkFactors && !in_double_;
@@ -79,7 +91,8 @@ FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_r
     if (renews && !renews_kinks && !affords_whole) renews = false;
     // If a chord step did not factorise in this step, its factor is not usable here.
     // The direction of a factor without the contacts of a revision would go into the object.
-    stops = remaining < reuse_work_ || (!renews && (!has_factor_ || is_revised_));
+    const double overrun = condenses && report.residual <= kCalm ? kOverrun : 0.0;
+    stops = remaining + overrun < reuse_work_ || (!renews && (!has_factor_ || is_revised_));
   }
   return {.stops = stops,
           .renewal = renews_kinks ? Renewal::kinks
@@ -135,7 +148,8 @@ bool FactorPolicy::has_converged(const StepReport& report) const {
 void FactorPolicy::end_step(double time_step, double fastest, const StepReport& report) {
   // A failed step has no factor to reuse. A step that was cut off far from the minimum has none either: there only
   // plain Newton iterations make progress.
-  const bool is_near = fastest < kSlow && estimated_move_ < kNearMinimum;
+  const bool is_near = (fastest < kSlow && estimated_move_ < kNearMinimum) ||
+                       (fastest < kFast && report.measured && is_balanced(report));
   carried_.was_cut_off_far = report.status == StepStatus::budget_spent && !is_near;
   const bool is_reusable = report.status != StepStatus::failed_factorisation && !carried_.was_cut_off_far;
   if (is_reusable && (reuses_ || has_whole_factor(report))) carried_.time_step = time_step;

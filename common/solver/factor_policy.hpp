@@ -6,8 +6,8 @@
 // - If reuse is too slow, only contact and friction are renewed. The rest is renewed only if this is not enough.
 // - If a float factor makes no progress, or hardly any, the next factor is in double.
 // - At first a step reserves the work of one new Hessian and factor. It spends the rest on cheaper iterations.
-// - After a step that the budget cut off far from the minimum, the next step reuses no factor: it takes plain Newton
-//   iterations.
+// - After a step that the budget cut off far from the minimum, the next step begins with a new Hessian and factor.
+// - Iterations on the condensed hand may take some work beyond the budget, because they gain most.
 #pragma once
 
 #include <cstdint>
@@ -28,6 +28,8 @@ class FactorPolicy {
   void begin_step(double time_step, bool has_factor, bool touches);
   /// Whether this step may reuse a factor in several iterations.
   bool may_reuse() const { return may_reuse_; }
+  /// Whether a step may solve contact on the condensed hand.
+  bool may_condense() const { return may_condense_; }
   /// Whether the next iteration needs no new Hessian.
   bool reuses() const { return reuses_; }
 
@@ -38,7 +40,8 @@ class FactorPolicy {
     bool in_double = false;
   };
   /// For the next iteration. `can_renew_kinks`: the last factor is that of the Hessian, and there are terms with kinks.
-  Decision decide(const StepReport& report, bool can_renew_kinks) const;
+  /// `condenses`: the iteration solves contact on the condensed hand. It may go beyond the budget.
+  Decision decide(const StepReport& report, bool can_renew_kinks, bool condenses) const;
   /// The energy does not fall along the direction of a factor. Changes `decision` to a better factor. Returns false if
   /// there is none, or if the budget allows none.
   bool improve(Decision& decision, bool is_most_precise, const StepReport& report);
@@ -58,6 +61,10 @@ class FactorPolicy {
   /// By the residual and by the estimated remaining movement.
   bool has_converged(const StepReport& report) const;
   bool affords_whole_factor(const StepReport& report) const { return remaining_work(report) >= whole_work_; }
+  /// Whether the step has taken all work that it may take beyond its budget.
+  bool exceeds_overrun(const StepReport& report) const;
+  /// Whether the residual is so small that the step is near its minimum.
+  static bool is_balanced(const StepReport& report);
 
   /// What one step leaves to the next.
   struct Carried {
@@ -77,6 +84,7 @@ class FactorPolicy {
   double remaining_work(const StepReport& report) const;
 
   SolverOptions options_;
+  bool may_condense_;
   double equivalent_iterations_;
   double evaluation_work_, contact_work_;
   // Of an iteration: with the last factor, with a factor renewed in the terms with kinks, and with a new Hessian and

@@ -11,6 +11,7 @@ namespace {
 
 constexpr int kMaxLocalIterations = 8;
 constexpr int kMaxLocalHalvings = 5;
+constexpr double kMostOperations = 2;  // of a factorisation of `minimise`, in its `most_operations`
 constexpr double kLocalArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
@@ -69,6 +70,18 @@ LocalNewton::LocalNewton(DofLayout layout)
 int LocalNewton::condensed_room(double per_operation) {
   const double pairs = kMostCompliance / (kPairOperations * per_operation);
   return static_cast<int>(std::min<double>(kMaxCondensedBlocks, std::sqrt(pairs)));
+}
+
+void LocalNewton::forget_blocks() {
+  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
+  blocks_.clear();
+}
+
+int LocalNewton::touched_blocks(const BlockMatrix& hessian) {
+  forget_blocks();
+  include_journal(hessian);
+  return static_cast<int>(
+      std::count_if(blocks_.begin(), blocks_.end(), [&](std::int32_t block) { return block < hessian.core_count(); }));
 }
 
 // Adds the rows and columns of the blocks in the journal to those that move.
@@ -245,6 +258,16 @@ bool LocalNewton::factorise(double& operations) {
   return true;
 }
 
+// Upper bound for a factorisation of the blocks without modes.
+double LocalNewton::expected_operations() const {
+  double operations = 0;
+  for (std::size_t i = 0; i < blocks_.size(); ++i) {
+    const double width = 3.0 * static_cast<double>(static_cast<Eigen::Index>(i) - first_[i] + 1);
+    operations += 3 * width * width;
+  }
+  return operations;
+}
+
 void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
   for (Eigen::Index i = 0; i < size_; ++i) {
     const Eigen::Index begin = first_column(i);
@@ -293,14 +316,14 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
     hessian.take_back();
     for (const Energy* term : kinked) term->add_hessian(at, hessian, curvature);
   };
-  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
-  blocks_.clear();
+  forget_blocks();
   // Blocks of both states are needed: a contact may act at only one of them.
   include_journal(hessian);
   renew_kinked(state);
   include_journal(hessian);
   if (blocks_.empty() || blocks_.size() > kMaxBlocks) return result;
   order_blocks(hessian);
+  if (expected_operations() > kMostOperations * most_operations) return result;
   make_modes(gradient, most_modes, factor);
   result.modes = mode_count_;
   const Eigen::Index local = 3 * static_cast<Eigen::Index>(blocks_.size());
@@ -553,8 +576,7 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
                                                        BlockMatrix& hessian, BorderedSolver& factor,
                                                        std::span<const KeptBlock> kept, Compliance& compliance,
                                                        VectorX& direction) {
-  for (const std::int32_t block : blocks_) place_[static_cast<std::size_t>(block)] = -1;
-  blocks_.clear();
+  forget_blocks();
   compliance_place_.clear();
   condensed_operations_ = 0;
   first_new_ = 0;

@@ -29,8 +29,9 @@ namespace softhand {
 
 class LocalNewton {
  public:
-  /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them.
-  static constexpr int kMaxBlocks = 128;
+  /// Upper limit of blocks that move. In a power grasp, a hand of 1,450 nodes touches with about 110 of them, and with
+  /// 200 in a step that ends before it converges.
+  static constexpr int kMaxBlocks = 256;
   /// The same for the condensed solve, whose matrix is dense.
   static constexpr int kMaxCondensedBlocks = 256;
   static constexpr int kMaxModes = 6;
@@ -49,9 +50,10 @@ class LocalNewton {
   /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.
   /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
   /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. It is unchanged if there are no
-  /// blocks or more than `kMaxBlocks`; then nothing is found. `most_modes`: at most this many modes are used, and at
-  /// most `kMaxModes`. No iteration begins after `most_operations` floating-point operations. `factor`: of a nearby
-  /// Hessian; it solves for the modes. Does not allocate.
+  /// blocks, more than `kMaxBlocks`, or if one factorisation needs more than twice `most_operations`; then nothing is
+  /// found. `most_modes`: at most this many modes are used, and at most `kMaxModes`. No iteration begins after
+  /// `most_operations` floating-point operations. `factor`: of a nearby Hessian; it solves for the modes. Does not
+  /// allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
                   BlockMatrix& hessian, int most_modes, double most_operations, LinearSolver& factor,
                   VectorX& direction);
@@ -65,6 +67,8 @@ class LocalNewton {
   Condensed minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
                                const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
                                std::span<const KeptBlock> kept, Compliance& compliance, VectorX& direction);
+  /// Number of blocks of the core in the journal of `hessian`.
+  int touched_blocks(const BlockMatrix& hessian);
   /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
   double take_operations() { return std::exchange(condensed_operations_, 0.0); }
   /// Whether the last minimisation moved the block itself, because a term in `kinked` acts on it.
@@ -73,6 +77,7 @@ class LocalNewton {
  private:
   using Dense = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+  void forget_blocks();
   void include_journal(const BlockMatrix& hessian);
   template <typename Visit>
   void for_each_pair(const BlockMatrix& hessian, Visit&& visit) const;
@@ -82,6 +87,7 @@ class LocalNewton {
   void gather_modes(const BlockMatrix& hessian, const VectorX& gradient);
   Eigen::Index first_column(Eigen::Index row) const;
   bool factorise(double& operations);
+  double expected_operations() const;
   void solve(Eigen::Ref<VectorX> step) const;
   Condensed include_touched(const BlockMatrix& hessian, BorderedSolver& factor, std::span<const KeptBlock> kept,
                             Compliance& compliance);

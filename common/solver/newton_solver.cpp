@@ -22,6 +22,9 @@ constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, 
 constexpr int kMaxRevisions = 4;    // of the terms in a step
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
+// If the touched blocks fill at most this part of the room of the condensed model, the next step with a budget uses it
+// again.
+constexpr double kRoomy = 0.9;
 constexpr int kContactSolves = 3;     // after a step that did not converge
 constexpr double kContactWork = 0.3;  // fast steps that each of them may take even if no budget remains
 
@@ -55,7 +58,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
-      compliance_(potential_.hessian().core_count(), LocalNewton::condensed_room(prices_.per_operation)),
+      room_(LocalNewton::condensed_room(prices_.per_operation)),
+      compliance_(potential_.hessian().core_count(), room_),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
 }
@@ -137,7 +141,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   const bool is_usable = condenses == factor_.is_without_kinks();
   if (!is_usable) policy_.drop_factor();
   policy_.begin_step(time_step, continues && report.factorisations > 0 && is_usable, touches);
-  condenses = condenses && policy_.may_reuse();
+  condenses = condenses && policy_.may_condense();
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
@@ -160,7 +164,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       best_energy = report.energy;
       have_best = true;
     }
-    auto decision = policy_.decide(report, !condenses && factor_.is_of(potential_) && !potential_.kinked().empty());
+    auto decision =
+        policy_.decide(report, !condenses && factor_.is_of(potential_) && !potential_.kinked().empty(), condenses);
     if (decision.stops) {
       report.status = StepStatus::budget_spent;
       break;
@@ -253,7 +258,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   if (is_cut_off && touches && report.factorisations > report.kink_factors && report.shifts == 0) {
     if (!(evaluated && has_gradient) && !potential_.evaluate(state, meter, {})) return false;
     evaluated = true;
-    if (!solve_contact(state, meter)) return false;
+    // A condensed step that is near its minimum has solved contact.
+    if (!(condenses && FactorPolicy::is_balanced(report)) && !solve_contact(state, meter)) return false;
   }
   report.measured = evaluated;
   return true;
@@ -264,6 +270,10 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
 bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter& meter) {
   const auto timer = meter.time(&StepTiming::solve);
   if (!condenses) {
+    // A step that is cut off may touch with more than its minimum does.
+    if (options_.work_budget > 0 && policy_.carried().touches_much &&
+        local_newton_.touched_blocks(potential_.hessian()) <= kRoomy * room_)
+      policy_.set_touches_much(false);
     pull_ = -potential_.gradient();
     loose_solve_.solve(factor_, potential_.hessian(), pull_, direction_, meter);
     return true;
@@ -290,6 +300,7 @@ bool NewtonSolver::revise(const State& state) {
 bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
   const StepWork& prices = meter.prices;
   for (int k = 0; k < kContactSolves; ++k) {
+    if (k > 0 && policy_.exceeds_overrun(meter.report)) break;
     LocalNewton::Result result;
     {
       const auto timer = meter.time(&StepTiming::solve);

@@ -97,6 +97,7 @@ class NewtonSolver {
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
   LooseSolve loose_solve_;
   LocalNewton local_newton_;
+  int room_;               // of `compliance_`, blocks
   Compliance compliance_;  // of the last factor, if it is without terms with kinks
   VectorX pull_, direction_;
   State best_;

@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <memory>
+#include <vector>
 
 #include "solver/block_cholesky.hpp"
 
@@ -182,6 +184,58 @@ TEST(LocalNewton, FindsNothingWithoutContact) {
   VectorX direction(12);
   scene.state.node_positions.setZero();
   EXPECT_FALSE(scene.minimise(direction).found);
+}
+
+// Nodes in a row, each tied to the origin and pushed by a wall. Springs connect each node with the next `reach` nodes.
+LocalNewton::Result push_row(int count, int reach, double most_operations, VectorX& direction) {
+  std::vector<std::unique_ptr<Energy>> springs, walls;
+  for (int n = 0; n < count; ++n) {
+    springs.push_back(std::make_unique<Spring>(n, -1, 100));
+    for (int other = n + 1; other < std::min(count, n + reach + 1); ++other)
+      springs.push_back(std::make_unique<Spring>(n, other, 1));
+    walls.push_back(std::make_unique<Wall>(n, 0.01, 1e4));
+  }
+  State state;
+  state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, count);
+  BlockPattern pattern(count);
+  for (const auto* terms : {&springs, &walls})
+    for (const auto& term : *terms) term->add_pattern(pattern);
+  BlockMatrix hessian(pattern);
+  VectorX gradient = VectorX::Zero(3 * count);
+  for (const auto* terms : {&springs, &walls}) {
+    for (const auto& term : *terms) {
+      term->bind(hessian);
+      term->add_gradient(state, gradient);
+    }
+  }
+  hessian.set_zero();
+  for (const auto& term : springs) term->add_hessian(state, hessian, Curvature::projected);
+  hessian.begin_journal();
+  std::vector<Energy*> kinked;
+  for (const auto& term : walls) {
+    term->add_hessian(state, hessian, Curvature::projected);
+    kinked.push_back(term.get());
+  }
+  LocalNewton solver(DofLayout{count, 0});
+  EXPECT_EQ(solver.touched_blocks(hessian), count);
+  BlockCholesky<double> factor;
+  direction = VectorX::Zero(3 * count);
+  return solver.minimise(state, kinked, Curvature::projected, gradient, hessian, 0, most_operations, factor, direction);
+}
+
+// A step of a power grasp that was cut off touches with 200 nodes. Before, more than 128 were refused.
+TEST(LocalNewton, MovesAllTouchedNodesOfAPowerGrasp) {
+  VectorX direction;
+  ASSERT_TRUE(push_row(200, 1, 1e6, direction).found);
+  for (int n = 0; n < 200; ++n) EXPECT_NEAR(direction[3 * n], 1e4 * 0.01 / (1e4 + 100), 1e-9);
+  EXPECT_FALSE(push_row(LocalNewton::kMaxBlocks + 1, 1, 1e6, direction).found);
+}
+
+// The factor of nodes that are all coupled with each other costs more than the tissue.
+TEST(LocalNewton, RefusesAFactorThatCostsTooMuch) {
+  VectorX direction;
+  EXPECT_FALSE(push_row(100, 100, 1e6, direction).found);
+  EXPECT_TRUE(push_row(100, 100, 1e7, direction).found);
 }
 
 // All terms are quadratic except the walls, so the direction leads to the minimum. A node that touches nothing at first
