@@ -189,13 +189,13 @@ std::vector<std::string> check_assemblies(const std::vector<ObjectOptions>& obje
     if (links[first] > slots)
       wrong.push_back("hand.mirrored_objects = " + std::to_string(slots) + ": joints connect '" + first + "' to " +
                       std::to_string(links[first] - 1) +
-                      " other movable objects, and a hand takes all of them or none; nearest value that works: " +
+                      " other movable objects, and a hand takes all of them or none. The nearest value that works: " +
                       std::to_string(links[first]));
     if (count > places)
       wrong.push_back(
           "hand.object_joints = " + std::to_string(places) + ": the objects around '" + first + "' have " +
           std::to_string(count) +
-          " joints, and a hand takes all of them or none; nearest value that works: " + std::to_string(count));
+          " joints, and a hand takes all of them or none. The nearest value that works: " + std::to_string(count));
   }
   return wrong;
 }
@@ -221,7 +221,7 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
   };
   if (world.mode == "owner" && world.follow_stiffness > 1)
     refuse("world.follow_stiffness = ", world.follow_stiffness,
-           ": above 1 (m/T^2) the world's copy overshoots stale twins; nearest value that works: 1");
+           ": above 1 (m/T^2) the world's copy overshoots stale twins. The nearest value that works: 1");
   if (objects.size() > kMaxObjects) refuse("objects: ", objects.size(), " objects, expected at most ", kMaxObjects);
   std::set<std::string> names;
   for (std::size_t i = 0; i < objects.size(); ++i) {
@@ -250,16 +250,16 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
       const double offered = stiffest_stable(world.stiffness / object.mass, world.damping_ratio, step, hand_step);
       if (offered < world.stiffness / object.mass)
         refuse("world.stiffness = ", world.stiffness, ": ", growing(world.stiffness / object.mass), " on ", where, " (",
-               object.mass, " kg, ", world.rate_hz, " Hz against ", 1 / hand_step, " Hz); ",
-               offered > 0 ? "nearest value that works: " + std::to_string(offered * object.mass)
-                           : std::string("no stiffness works: use mode owner"));
+               object.mass, " kg, ", world.rate_hz, " Hz against ", 1 / hand_step, " Hz). ",
+               offered > 0 ? "The nearest value that works: " + std::to_string(offered * object.mass)
+                           : std::string("No stiffness works: use mode owner"));
       for (int axis = 0; axis < 3; ++axis) {
         const double turning = world.angular_stiffness / solid.inertia[axis];
         const double other = stiffest_stable(turning, world.damping_ratio, step, hand_step);
         if (other == turning) continue;
-        refuse("world.angular_stiffness = ", world.angular_stiffness, ": ", growing(turning), " on ", where, "; ",
-               other > 0 ? "nearest value that works: " + std::to_string(other * solid.inertia[axis])
-                         : std::string("no stiffness works: use mode owner"));
+        refuse("world.angular_stiffness = ", world.angular_stiffness, ": ", growing(turning), " on ", where, ". ",
+               other > 0 ? "The nearest value that works: " + std::to_string(other * solid.inertia[axis])
+                         : std::string("No stiffness works: use mode owner"));
         break;
       }
     } catch (const std::invalid_argument& problem) {

@@ -258,7 +258,7 @@ std::string to_markdown(const Study& study, const std::string& command, const st
     std::sort(front.begin(), front.end(), [](const Row* a, const Row* b) { return a->ms_frame < b->ms_frame; });
     std::string line;
     for (const Row* row : front)
-      line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "; ", name_of(*row), row->ms_frame,
+      line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "<br>", name_of(*row), row->ms_frame,
                           millimetres(row->total.tissue_rms_mm));
     text += fmt::format("| {} | {} |\n", scene.scene, line);
   }

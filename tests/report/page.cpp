@@ -64,11 +64,12 @@ std::string error_runtime_in_a_line(const Json& rows) {
   for (const Json& row : rows) {
     if (!row.value("default", false)) continue;
     if (row.at("class") == "Pass") {  // the figures are finite then
-      text += fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "the default's solver error: " : "; ",
-                          row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
-                          100 * row.at("force_error").get<double>(), row.at("ms_p50").get<double>());
+      text +=
+          fmt::format("{}{} {:.2g} mm, {:.2g} % in {:.1f} ms", text.empty() ? "Solver error of the default: " : ". ",
+                      row.at("scene").get<std::string>(), row.at("tissue_rms_mm").get<double>(),
+                      100 * row.at("force_error").get<double>(), row.at("ms_p50").get<double>());
     } else {
-      text += fmt::format("; {} {}", row.at("scene").get<std::string>(), row.at("class").get<std::string>());
+      text += fmt::format(". {} {}", row.at("scene").get<std::string>(), row.at("class").get<std::string>());
     }
   }
   return text + fmt::format(". {} runs: {}", rows.size(), counted(rows, "class"));
