@@ -225,7 +225,8 @@ void Supervisor::launch(Child& child) {
   arguments.push_back(nullptr);
   const pid_t supervisor = getpid();
   // Between fork and exec a process still has our signal handlers, so a SIGINT or SIGTERM in that window would be lost.
-  // All signals stay blocked until the child has the default handlers. The guard keeps them blocked.
+  // All signals stay blocked until the child has the default handlers. The guard keeps them blocked. Here they stay
+  // blocked until the guard has reported, because a signal would interrupt the read.
   sigset_t all, before;
   sigfillset(&all);
   pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -233,10 +234,10 @@ void Supervisor::launch(Child& child) {
   if (own_guard == 0)
     guard(arguments.data(), supervisor, ends[1], report[1], before, child.spec.stop != StopTurn::first);
   const int error = errno;
-  pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(ends[1]), close(report[1]);
   pid_t pid = -1;
   const bool started = own_guard > 0 && read(report[0], &pid, sizeof pid) == sizeof pid;
+  pthread_sigmask(SIG_SETMASK, &before, nullptr);
   close(report[0]);
   if (!started) {
     close(ends[0]);

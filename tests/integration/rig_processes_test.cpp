@@ -90,7 +90,7 @@ TEST_F(Rig, ReplaceTakesTheDomainOver) {
       return listener.process_id("hand") != hand && follows(listener, start + 3'000'000'000);
     })) << second.output();
     second.send_signal(SIGINT);
-    EXPECT_EQ(second.wait(8s), 0);
+    EXPECT_EQ(second.wait(8s), 0) << second.output();
   }
 }
 

@@ -70,7 +70,7 @@ TEST_F(SoftRig, ABallIsSqueezedAgainAfterItsHandAndItsWorldWereKilled) {
   RigListener listener;
   Up up("config/rigs/demo.toml",
         {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set", "hand.model=right_400.hand.json",
-         "--set", "viewer.port=0", "--set", "hand.simulation.solver.work_budget=8"});
+         "--set", "viewer.port=0", "--set", "hand.simulation.solver.work_budget=3"});
   const auto waits = [&](std::chrono::milliseconds time, auto&& done) {
     return listener.wait(time, [&] {
       poll();

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <sys/stat.h>
+#include <sys/time.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -144,6 +145,20 @@ TEST_F(SupervisorTest, StopsAllChildrenWithSigterm) {
 
 // `softhand up` stops through a signal handler. Between fork and exec a child still has this handler. A SIGTERM in that
 // window only set a flag that nobody would read.
+// Ctrl-C arrived while a process started. The start failed, and the rig ended with an error.
+TEST_F(SupervisorTest, ASignalDoesNotEndAStart) {
+  struct sigaction nothing {};
+  nothing.sa_handler = [](int) {};
+  struct sigaction before {};
+  sigaction(SIGALRM, &nothing, &before);
+  const itimerval often{{0, 200}, {0, 200}}, never{};
+  setitimer(ITIMER_REAL, &often, nullptr);
+  for (int i = 0; i < 10; ++i) EXPECT_NO_THROW(supervisor_.start(shell("child" + std::to_string(i), "exec sleep 60")));
+  setitimer(ITIMER_REAL, &never, nullptr);
+  sigaction(SIGALRM, &before, nullptr);
+  EXPECT_TRUE(supervisor_.stop());
+}
+
 TEST_F(SupervisorTest, StopsAChildThatWasJustStarted) {
   const StopSignal handler;
   for (int i = 0; i < 50; ++i) {
