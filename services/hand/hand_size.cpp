@@ -16,8 +16,8 @@ constexpr int kWarmUp = 3, kSamples = 9, kFewest = 3;
 constexpr double kTargetAmplitude = 2e-3, kTargetDepth = 4e-3;
 constexpr double kFriction = 0.8;  // of the table
 // Ratio of the time of the same work in a live step and here. A live step also writes messages and the flight recorder,
-// and the other programs use the shared cache and the other thread of the core.
-constexpr double kLivePrice = 1.5;
+// and the other programs use the shared cache and the other thread of the core. Measured: docs/performance.md.
+constexpr double kLivePrice = 2;
 // Bytes that are written between two steps, so that a step finds its data in no cache of a core. In a rig other
 // programs run between two steps.
 constexpr std::size_t kCacheBytes = std::size_t{8} << 20;
