@@ -112,7 +112,6 @@ TEST_F(Rig, ChildrenDieWithTheirSupervisor) {
   }));
 }
 
-// A stopped process is alive for the kernel, but it does not report. Its status ends, so it is replaced.
 // DDS reports its own errors, here of its settings. They must not be in the data that `softhand` prints.
 TEST_F(Rig, AnErrorOfDdsIsNotInTheJsonOfTheStatus) {
   const std::string settings = std::filesystem::temp_directory_path() / ("softhand_broken_" + std::to_string(getpid()));
@@ -127,6 +126,7 @@ TEST_F(Rig, AnErrorOfDdsIsNotInTheJsonOfTheStatus) {
   std::filesystem::remove(settings);
 }
 
+// A stopped process is alive for the kernel, but it does not report. Its status ends, so it is replaced.
 TEST_F(Rig, AProcessThatHangsIsReplaced) {
   RigListener listener;
   Up up(kDemo, {});

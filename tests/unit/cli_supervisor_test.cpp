@@ -143,8 +143,6 @@ TEST_F(SupervisorTest, StopsAllChildrenWithSigterm) {
   EXPECT_EQ(supervisor_.restarts("first"), 0u) << "no child is restarted while stopping";
 }
 
-// `softhand up` stops through a signal handler. Between fork and exec a child still has this handler. A SIGTERM in that
-// window only set a flag that nobody would read.
 // Ctrl-C arrived while a process started. The start failed, and the rig ended with an error.
 TEST_F(SupervisorTest, ASignalDoesNotEndAStart) {
   struct sigaction nothing {};
@@ -159,6 +157,8 @@ TEST_F(SupervisorTest, ASignalDoesNotEndAStart) {
   EXPECT_TRUE(supervisor_.stop());
 }
 
+// `softhand up` stops through a signal handler. Between fork and exec a child still has this handler. A SIGTERM in that
+// window only set a flag that nobody would read.
 TEST_F(SupervisorTest, StopsAChildThatWasJustStarted) {
   const StopSignal handler;
   for (int i = 0; i < 50; ++i) {
