@@ -248,19 +248,17 @@ std::string to_markdown(const Study& study, const std::string& command, const st
         pictures);
   }
   text +=
-      "\nThe Pareto front against \"all\" by rising cost. In brackets: CPU time for 1/90 s of the scene, and error.\n\n"
-      "| scene | front |\n| --- | --- |\n";
+      "\nThe Pareto front against \"all\" by rising cost. ms: CPU time for 1/90 s of the scene.\n\n"
+      "| scene | setting | ms | tissue mm |\n| --- | --- | --- | --- |\n";
   for (const SceneStudy& scene : study.scenes) {
     std::vector<const Row*> front;
     for (const Row& row : scene.rows) {
       if (row.on_front) front.push_back(&row);
     }
     std::sort(front.begin(), front.end(), [](const Row* a, const Row* b) { return a->ms_frame < b->ms_frame; });
-    std::string line;
     for (const Row* row : front)
-      line += fmt::format("{}{} ({:.1f} ms, {} mm)", line.empty() ? "" : "<br>", name_of(*row), row->ms_frame,
-                          millimetres(row->total.tissue_rms_mm));
-    text += fmt::format("| {} | {} |\n", scene.scene, line);
+      text += fmt::format("| {} | {} | {:.1f} | {} |\n", row == front.front() ? scene.scene : "", name_of(*row),
+                          row->ms_frame, millimetres(row->total.tissue_rms_mm));
   }
   text +=
       "\nAccuracy of the references. If the input moves by 1 um, \"amplification\" is the RMS movement of the tissue "
