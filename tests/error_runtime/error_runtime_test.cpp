@@ -114,7 +114,7 @@ TEST(ErrorRuntime, RepeatsAllNumbersExceptTimes) {
 }
 
 // Deep in the block, the hand touches with so many nodes that the dense matrices of the condensed solve would cost more
-// than factors with contact. A budget that is never spent switches the condensed solve off.
+// than factors with contact. Without kept factors there is no condensed solve.
 TEST(ErrorRuntime, ADeepBlockCostsNoMoreThanWholeFactors) {
   const Scene& scene = scene_named("deep_block");
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_1450.hand.json");
@@ -128,7 +128,7 @@ TEST(ErrorRuntime, ADeepBlockCostsNoMoreThanWholeFactors) {
     }
     return work;
   };
-  EXPECT_LT(work_of({}), 1.3 * work_of({"simulation.solver.work_budget=1000"}));
+  EXPECT_LT(work_of({}), 1.3 * work_of({"simulation.solver.keep_factor=false"}));
 }
 
 // A grasp whose steps end at the live budget. Before, the steps after one that was cut off took plain Newton iterations
