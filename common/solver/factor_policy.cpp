@@ -146,8 +146,8 @@ bool FactorPolicy::has_converged(const StepReport& report) const {
 }
 
 void FactorPolicy::end_step(double time_step, double fastest, const StepReport& report) {
-  // A failed step has no factor to reuse. A step that was cut off far from the minimum has none either: there only
-  // plain Newton iterations make progress.
+  // A failed step has no factor to reuse. A step that was cut off far from the minimum has none either: its
+  // Hessian is too old there.
   const bool is_near = (fastest < kSlow && estimated_move_ < kNearMinimum) ||
                        (fastest < kFast && report.measured && is_balanced(report));
   carried_.was_cut_off_far = report.status == StepStatus::budget_spent && !is_near;

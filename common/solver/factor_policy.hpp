@@ -1,13 +1,13 @@
 // Decides in each iteration whether the last factor of the Hessian is reused or renewed, and when the work budget ends
 // the step.
 //
-// - A factor is reused while this converges sooner than a new factor. The last factor of a step also serves the first
-//   iteration of the next step.
-// - If reuse is too slow, only contact and friction are renewed. The rest is renewed only if this is not enough.
-// - If a float factor makes no progress, or hardly any, the next factor is in double.
-// - At first a step reserves the work of one new Hessian and factor. It spends the rest on cheaper iterations.
-// - After a step that the budget cut off far from the minimum, the next step begins with a new Hessian and factor.
-// - Iterations on the condensed hand may take some work beyond the budget, because they gain most.
+// A factor is reused while this converges sooner than a new factor. The last factor of a step also serves the first
+// iteration of the next step. If reuse is too slow, only contact and friction are renewed. The rest is renewed only if
+// this is not enough. If a float factor makes no progress, or hardly any, the next factor is in double.
+//
+// With a budget, a step first reserves the work of one new Hessian and factor. It spends the rest on cheaper
+// iterations. After a step that the budget cut off far from the minimum, the next step begins with a new Hessian and
+// factor. Iterations on the condensed hand may take some work beyond the budget, because they gain most.
 #pragma once
 
 #include <cstdint>

@@ -11,7 +11,8 @@ namespace {
 
 constexpr int kMaxLocalIterations = 8;
 constexpr int kMaxLocalHalvings = 5;
-constexpr double kMostOperations = 2;  // of a factorisation of `minimise`, in its `most_operations`
+// A first factorisation of `minimise` may take this multiple of its `most_operations`.
+constexpr double kMostOperations = 2;
 constexpr double kLocalArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
