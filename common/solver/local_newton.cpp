@@ -20,8 +20,8 @@ constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 
 // nonlinearity leaves more.
 constexpr double kSmallForce = 1e-5;
 constexpr double kConverged = 1e-2;
-// Time of an operation of the dense factorisation, and of all else that an iteration does with an entry of the dense
-// matrix, in operations of a sparse factorisation in float.
+// Time of an operation of the dense factorisation, in operations of a sparse factorisation in float. And of all else
+// that an iteration does with an entry of the dense matrix.
 constexpr double kDenseOperation = 0.6;
 constexpr double kDenseEntry = 20;
 // The same for an evaluation of the terms with kinks, per block that moves.
@@ -120,8 +120,8 @@ void LocalNewton::for_each_pair(const BlockMatrix& hessian, Visit&& visit) const
   }
 }
 
-// Orders the blocks so that the factor's envelope is small: nodes of one patch of skin are adjacent, in the order of
-// Cuthill and McKee (1969), and bodies come last. Fingers are coupled only through the object.
+// Orders the blocks so that the factor's envelope is small. Nodes of one patch of skin are adjacent, in the order of
+// Cuthill and McKee (1969). Bodies come last. Fingers are coupled only through the object.
 void LocalNewton::order_blocks(const BlockMatrix& hessian) {
   std::sort(blocks_.begin(), blocks_.end());
   for (std::size_t i = 0; i < blocks_.size(); ++i) {
@@ -382,8 +382,8 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   return result;
 }
 
-// Adds the blocks in the journal to those that move, and what else moves with them: blocks of the border that are
-// coupled with each other. `half_` is half of the free solve.
+// Adds the blocks in the journal to those that move, and blocks of the border that are coupled with them. `half_` is
+// half of the free solve.
 LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor,
                                                     std::span<const KeptBlock> kept, Compliance& compliance) {
   const std::int32_t core = hessian.core_count();
