@@ -123,10 +123,10 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
     // If the body is not where the last step left it, body and target were repositioned. A target that jumped (kJump)
     // has no unique path either. In both cases no work is computed along the path. The change of the springs' energy
     // counts as work.
-    const bool continues = s.pulled && s.start.position == s.end.position &&
-                           s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
-                           rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kJump;
-    s.start_target = continues ? s.end_target : s.target;
+    s.continues = s.pulled && s.start.position == s.end.position &&
+                  s.start.orientation.coeffs() == s.end.orientation.coeffs() &&
+                  rotation_log(s.target.orientation * s.end_target.orientation.conjugate()).norm() < kJump;
+    s.start_target = s.continues ? s.end_target : s.target;
     s.start_energy = spring_energy(s, s.start, s.start_target);
     const Pose start = s.start * s.body_from_frame;
     const double damping = s.acting.linear_damping / time_step;
@@ -146,6 +146,16 @@ void BodyCoupling::begin_step(const State& state, double time_step) {
           (rotation_exp(s.acting.angular_stiffness / s.angular_stiffness * arc) * advanced).normalized();
     }
   }
+}
+
+std::optional<Pose> BodyCoupling::followed(int site) const {
+  const Site& s = at(site);
+  if (!s.pulls || !s.continues) return std::nullopt;
+  const Pose frame = s.start * s.body_from_frame;
+  const Pose end = {
+      frame.position + s.position_target - s.end_spring_target.position,
+      (s.orientation_target * s.end_spring_target.orientation.conjugate() * frame.orientation).normalized()};
+  return end * s.body_from_frame.inverse();
 }
 
 double BodyCoupling::stretch(int site, const State& state) const {
@@ -209,6 +219,7 @@ void BodyCoupling::end_step(State& state) {
     const Vector3 target_moved = s.target.position - s.start_target.position;
     const Vector3 target_turned = rotation_log(s.target.orientation * s.start_target.orientation.conjugate());
     s.end_target = s.target;
+    s.end_spring_target = {s.position_target, s.orientation_target};
     const Vector3 stretch = frame.position - s.target.position;
     const Vector3 turn = rotation_log(frame.orientation * s.target.orientation.conjugate());
     const Vector3 spring =

@@ -22,6 +22,7 @@
 #pragma once
 
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -82,7 +83,8 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
       bool pulled = false;
       Pose end;  // of the body
       Pose end_target;
-      double stored = 0;  // J
+      Pose end_spring_target;  // of spring and damper together
+      double stored = 0;       // J
     };
     std::vector<Site> sites;
   };
@@ -92,6 +94,9 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   /// The bodies were repositioned. Targets and gains stay.
   void reset();
 
+  /// The pose of the body at the start of the step that has begun, moved as the target of spring and damper has moved
+  /// since the last step. Empty without a target, after a jump of the target, and after a reset.
+  std::optional<Pose> followed(int site) const;
   /// Distance from the site's target to its frame in `state`, metres. Zero without a target.
   double stretch(int site, const State& state) const;
   /// Force and torque of the coupling on the body. The torque is about the origin of the coupled frame (the joint),
@@ -116,7 +121,8 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
     Clique<2> blocks;
     // Fixed within the step.
     bool pulls = false;
-    CouplingGains acting;  // the gains times the strength
+    bool continues = false;  // the last step had the same site and a target that was near
+    CouplingGains acting;    // the gains times the strength
     Vector3 position_target = Vector3::Zero();
     Quaternion orientation_target = Quaternion::Identity();
     double stiffness = 0;

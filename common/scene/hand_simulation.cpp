@@ -174,8 +174,10 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
   }
   node_bones_.assign(tissue.node_body.begin(), tissue.node_body.end());
   node_bones_.resize(static_cast<std::size_t>(layout.node_count), -1);
-  solver_->use_linkage(Linkage(layout, std::move(links), node_bones_),
-                       [this](Linkage& linkage) { return prepare(linkage); });
+  guess_ = StepGuess(links, node_bones_);
+  solver_->use_linkage(
+      Linkage(layout, std::move(links), node_bones_), [this](Linkage& linkage) { return prepare(linkage); },
+      [this](const Linkage& linkage, double time_step, State& state) { return guess(linkage, time_step, state); });
 }
 
 HandSimulation::~HandSimulation() = default;
@@ -203,6 +205,37 @@ bool HandSimulation::prepare(Linkage& linkage) const {
   if (soft_ && soft_->touches()) linkage.set_loose_touching();
   return !soft_ && !linkage.any_touching() &&
          std::find(modes_.begin(), modes_.end(), SlotMode::dynamic) == modes_.end();
+}
+
+// As NewtonSolver::Guess.
+bool HandSimulation::guess(const Linkage& linkage, double time_step, State& state) {
+  constexpr double kLeast = 2e-3;  // m: the iterations for less cost no more than a guess
+  guess_.begin(state);
+  for (const auto& hand : hands_) guess_.move_bones(hand->coupling(), hand->first_body(), linkage, state);
+  if (guess_.farthest() < kLeast) return false;
+  guess_.move_nodes(state, time_step);
+  for (int slot = 0; slot < slot_count(); ++slot) {
+    if (slot_mode(slot) != SlotMode::dynamic) continue;
+    guess_.begin_object();
+    for (const auto& hand : hands_) {
+      if (hand->contacts() == nullptr || has_joint(slot)) continue;
+      for (const ContactSet::Anchor& anchor : hand->contacts()->anchors()) {
+        const auto nodes = hand->contacts()->points().nodes(anchor.point);
+        if (anchor.slot == slot && !nodes.empty()) guess_.touch(nodes.front(), state, slot_body(slot));
+      }
+    }
+    guess_.move_object(state, slot_body(slot), time_step);
+  }
+  return true;
+}
+
+bool HandSimulation::has_joint(int slot) const {
+  for (int place = 0; place < joint_count(); ++place) {
+    if (!joints_->is_set(place)) continue;
+    const ObjectJoint& joint = joints_->joint(place);
+    if (joint.child == slot_body(slot) || joint.parent == slot_body(slot)) return true;
+  }
+  return false;
 }
 
 void HandSimulation::reposition(const Pose& wrist, int hand) {

@@ -26,6 +26,7 @@
 #include "scene/simulated_hand.hpp"
 #include "scene/simulation_options.hpp"
 #include "scene/soft_objects.hpp"
+#include "scene/step_guess.hpp"
 #include "solver/newton_solver.hpp"
 
 namespace softhand {
@@ -244,6 +245,8 @@ class HandSimulation {
   template <typename Visit>
   void for_each_skin(Visit&& visit) const;
   bool prepare(Linkage& linkage) const;
+  bool guess(const Linkage& linkage, double time_step, State& state);
+  bool has_joint(int slot) const;
   void set_contact_object(int slot);
   void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
@@ -276,6 +279,7 @@ class HandSimulation {
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
   std::unique_ptr<NewtonSolver> solver_;
+  StepGuess guess_;
   std::vector<Vector3> bone_contact_forces_;  // by bone of all hands
   Twist carpus_velocity_;                     // without the noise of rest; 0 without other hands
   bool ledger_enabled_ = false;

@@ -48,6 +48,8 @@ class Linkage {
   void straighten();
   /// Something touches that is not linked: no body moves along straight lines because of it.
   void set_loose_touching() { any_touching_ = true; }
+  /// Whether the body, or one whose ancestor it is, touches an object.
+  bool moves_straight(int body) const { return is_straight_[static_cast<std::size_t>(body)] != 0; }
   bool any_touching() const { return any_touching_; }
   /// Moves `state` by `scale` times an increment. To first order this is `apply_increment`. But rotations are finite:
   /// a body's joint follows its parent, and an attached node turns with its body. So a large turn of a bone stretches

@@ -22,6 +22,10 @@ constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, 
 constexpr int kMaxRevisions = 4;    // of the terms in a step
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
+// Residual (N, N m) below which the terms are revised for the first time.
+constexpr double kRough = 0.03;
+// m, RMS of the bones: if velocities miss the guess by more, they do not predict its contacts either.
+constexpr double kWellPredicted = 1e-3;
 // If the touched blocks fill at most this part of the room of the condensed model, the next step with a budget uses it
 // again.
 constexpr double kRoomy = 0.9;
@@ -130,11 +134,44 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   return report;
 }
 
+// Makes `best_` the guess of the end of the step. Returns whether there is one. A truncated step has hardly time to
+// find its contacts, so those of the guess are added. Where velocities predict the guess, they have predicted its
+// contacts.
+bool NewtonSolver::make_guess(const State& state, double time_step, bool continues, bool is_truncated) {
+  if (!guess_ || continues || options_.max_iterations < kFewIterations) return false;
+  if (!linkage_.any_touching() && !is_truncated) return false;
+  best_ = state;
+  if (!guess_(linkage_, time_step, best_)) return false;
+  if (is_truncated && linkage_.prediction_error(state, best_, time_step) > kWellPredicted) revise(best_);
+  return true;
+}
+
+// Evaluates the state where the iterations begin: `state`, or the guess if that is better. `continues`: as in
+// `minimise`. Returns false if a value is NaN or infinite.
+bool NewtonSolver::evaluate_first(State& state, bool has_guess, bool continues, bool hessian, StepMeter& meter) {
+  StepReport& report = meter.report;
+  if (!potential_.evaluate(state, meter, {.hessian = hessian && !has_guess, .may_be_result = false})) return false;
+  if (!continues) {
+    for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
+  }
+  if (!has_guess) return true;
+  const double energy = report.energy, residual = report.residual;
+  state = best_;
+  if (potential_.evaluate(state, meter, {.hessian = hessian, .may_be_result = false}) && report.energy < energy &&
+      report.residual < residual)
+    return true;
+  state = potential_.start();
+  return potential_.evaluate(state, meter, {.hessian = hessian, .may_be_result = false});
+}
+
 // Newton's iterations from `state`, to the end of an ordinary step. `continues`: a chord step did not converge, but
 // `state` has less energy than the start of the step. Returns false if a value is NaN or infinite.
 bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter) {
   StepReport& report = meter.report;
+  const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
+  const bool has_guess = make_guess(state, time_step, continues, is_truncated);
   bool touches = linkage_.any_touching();
+  may_be_chord = may_be_chord && !touches;
   predictor_.begin_ordinary_step();
   if (!touches) policy_.set_touches_much(false);
   bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves();
@@ -145,15 +182,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   bool evaluated = true;                // the report's energy and residual are those of `state`
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
-  const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
   int revisions = 0;
   bool have_best = false;
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
-  if (!potential_.evaluate(state, meter, {.hessian = linearised, .may_be_result = false})) return false;
-  if (!continues) {
-    for (std::size_t t = 0; t < report.term_count; ++t) report.terms[t].start = report.terms[t].joules;
-  }
+  if (!evaluate_first(state, has_guess, continues, linearised, meter)) return false;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
     if (policy_.has_converged(report)) {
       report.status = StepStatus::converged;
@@ -228,8 +261,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
                    .measured = evaluated},
                   report);
     ++report.iterations;
-    // A step that converges soon is revised at its end only, so that its result does not depend on the way there.
-    const bool may_be_last = is_truncated || iteration >= kLateIteration || policy_.has_converged(report) ||
+    // A step that converges soon is revised twice. Once contact is solved roughly, it is revised for the first time,
+    // so that the next iterations serve the new terms too. At its end it is revised again, so that its result hardly
+    // depends on the way there.
+    const bool is_rough = condenses && revisions == 0 && report.residual <= kRough;
+    const bool may_be_last = is_truncated || is_rough || iteration >= kLateIteration || policy_.has_converged(report) ||
                              report.increment <= options_.increment_tolerance;
     if (may_be_last && revisions < kMaxRevisions && revise(state)) {
       ++revisions;
@@ -351,9 +387,10 @@ double NewtonSolver::largest_move(const State& state, bool condenses) const {
   return largest;
 }
 
-void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare) {
+void NewtonSolver::use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare, Guess guess) {
   linkage_ = std::move(linkage);
   prepare_ = std::move(prepare);
+  guess_ = std::move(guess);
 }
 
 void NewtonSolver::forget() {

@@ -58,7 +58,12 @@ class NewtonSolver {
   /// method with the Hessian of an earlier step, rotated by the linkage. If it does not contract, an ordinary step
   /// follows. So `prepare` must return true only if the Hessian changes almost only by the rotation of the linked
   /// bodies: no contact began or ended.
-  void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare);
+  ///
+  /// `guess` moves the state at the start of a step to where the step may end, for a step in which something touches.
+  /// The iterations begin there if energy and residual are smaller. It returns false if the state hardly moves. It must
+  /// not allocate.
+  using Guess = std::function<bool(const Linkage& linkage, double time_step, State& state)>;
+  void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare, Guess guess = {});
 
   /// Work budget of the later steps, in fast steps, > 0. Only for a solver whose options have a work budget.
   void set_work_budget(double work_budget) {
@@ -78,6 +83,8 @@ class NewtonSolver {
   const BlockMatrix& hessian() const { return potential_.hessian(); }  ///< at the last linearisation
 
  private:
+  bool make_guess(const State& state, double time_step, bool continues, bool is_truncated);
+  bool evaluate_first(State& state, bool has_guess, bool continues, bool hessian, StepMeter& meter);
   bool minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter);
   bool revise(const State& state);
   double largest_move(const State& state, bool condenses) const;
@@ -95,6 +102,7 @@ class NewtonSolver {
   Predictor predictor_;
   Linkage linkage_;
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
+  Guess guess_;                            // null: the iterations begin at the start of the step
   LooseSolve loose_solve_;
   LocalNewton local_newton_;
   int room_;               // of `compliance_`, blocks

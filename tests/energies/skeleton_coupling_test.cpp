@@ -52,6 +52,31 @@ TEST(BodyCoupling, DerivativesOfSpringAndDamperBeyondTheCaps) {
   }
 }
 
+// With a damper the spring's target lags, and moves by less than the given target.
+TEST(BodyCoupling, FollowedIsTheMovementOfTheTargetOfSpringAndDamper) {
+  for (const double damping : {0.0, 20.0}) {
+    Coupled c({500, 0.5, damping, 0});
+    c.aim(Vector3(0.001, 0, 0), Vector3::Zero());
+    c.coupling.begin_step(c.state, kTimeStep);
+    EXPECT_FALSE(c.coupling.followed(0)) << "nothing is known of the step before";
+    c.coupling.end_step(c.state);
+    const Vector3 moved(0.003, -0.002, 0.001), turned(0.1, 0.05, -0.02);
+    const Pose frame = c.frame();
+    c.aim(Vector3(0.001, 0, 0) + moved, turned);
+    c.coupling.begin_step(c.state, kTimeStep);
+    const auto followed = c.coupling.followed(0);
+    ASSERT_TRUE(followed);
+    const Pose end = *followed * site_of(0, {}).body_from_frame;
+    const double share = 500 / (500 + damping / kTimeStep);
+    EXPECT_LE((end.position - frame.position - share * moved).norm(), 1e-12);
+    EXPECT_LE((rotation_log(end.orientation * frame.orientation.conjugate()) - turned).norm(), 1e-12);
+    c.coupling.end_step(c.state);
+    c.coupling.reset();
+    c.coupling.begin_step(c.state, kTimeStep);
+    EXPECT_FALSE(c.coupling.followed(0)) << "after a reset";
+  }
+}
+
 TEST(BodyCoupling, ExertsNoWrenchAtTheTarget) {
   Coupled c({500, 0.5, 0, 0});
   c.aim(Vector3::Zero(), Vector3::Zero());
