@@ -94,8 +94,9 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   /// The bodies were repositioned. Targets and gains stay.
   void reset();
 
-  /// The pose of the body at the start of the step that has begun, moved as the target of spring and damper has moved
-  /// since the last step. Empty without a target, after a jump of the target, and after a reset.
+  /// Where the body is if it moves from the start of this step as the target of spring and damper has moved since the
+  /// last step. World frame; call it after `begin_step`. Empty without a target, after a jump of the target by more
+  /// than 1 rad, and after a reset.
   std::optional<Pose> followed(int site) const;
   /// Distance from the site's target to its frame in `state`, metres. Zero without a target.
   double stretch(int site, const State& state) const;
@@ -121,7 +122,7 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
     Clique<2> blocks;
     // Fixed within the step.
     bool pulls = false;
-    bool continues = false;  // the last step had the same site and a target that was near
+    bool continues = false;  // the body is where the last step left it, and the target has not jumped
     CouplingGains acting;    // the gains times the strength
     Vector3 position_target = Vector3::Zero();
     Quaternion orientation_target = Quaternion::Identity();

@@ -217,8 +217,9 @@ bool HandSimulation::guess(const Linkage& linkage, double time_step, State& stat
   for (int slot = 0; slot < slot_count(); ++slot) {
     if (slot_mode(slot) != SlotMode::dynamic) continue;
     guess_.begin_object();
+    const bool jointed = has_joint(slot);
     for (const auto& hand : hands_) {
-      if (hand->contacts() == nullptr || has_joint(slot)) continue;
+      if (jointed || hand->contacts() == nullptr) continue;
       for (const ContactSet::Anchor& anchor : hand->contacts()->anchors()) {
         const auto nodes = hand->contacts()->points().nodes(anchor.point);
         if (anchor.slot == slot && !nodes.empty()) guess_.touch(nodes.front(), state, slot_body(slot));

@@ -172,8 +172,8 @@ class HandSimulation {
   // Results of the last step.
   Pose joint_pose(Joint joint, int hand = 0) const;
   Twist joint_velocity(Joint joint, int hand = 0) const;
-  /// Velocity (world) of the point at `place` if it moved rigidly with the carpus, without the noise of a hand at rest.
-  /// 0 without the option `other_hands`.
+  /// Velocity (world) that the point at `place` has if it moves rigidly with the carpus. The noise of a hand at rest is
+  /// removed. 0 without the option `other_hands`.
   Twist carrying_velocity(const Vector3& place) const;
   /// Force and torque of the coupling on the bone, N and N m, about its joint's origin.
   Wrench coupling_wrench(Body body, int hand = 0) const;

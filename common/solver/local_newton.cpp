@@ -457,8 +457,8 @@ void LocalNewton::for_each_kept(const BlockMatrix& hessian, std::span<const Kept
   }
 }
 
-// The forces of the model's terms with kinks on the blocks of the compliance, in its order, with those of `kept`, which
-// the factor has in addition.
+// The forces of the model's terms with kinks on the blocks of the compliance, in its order. They include those of
+// `kept`, which the factor has in addition.
 void LocalNewton::find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept) {
   step_.head(size_) = smooth_slope_.head(size_);
   for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {

@@ -59,9 +59,10 @@ class NewtonSolver {
   /// follows. So `prepare` must return true only if the Hessian changes almost only by the rotation of the linked
   /// bodies: no contact began or ended.
   ///
-  /// `guess` moves the state at the start of a step to where the step may end, for a step in which something touches.
-  /// The iterations begin there if energy and residual are smaller. It returns false if the state hardly moves. It must
-  /// not allocate.
+  /// `guess` moves the state at the start of a step to where the step may end. It is called if something touches, and
+  /// with a work budget in every ordinary step. The iterations begin there if energy and residual are smaller. With a
+  /// budget, surfaces that the guess crosses get contacts, if velocities do not predict it. It returns false if the
+  /// state hardly moves. It must not allocate.
   using Guess = std::function<bool(const Linkage& linkage, double time_step, State& state)>;
   void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare, Guess guess = {});
 

@@ -11,8 +11,8 @@ namespace {
 
 constexpr double kLeastFastSteps = 2;  // a step that ends after less work is far from converged
 constexpr int kWarmUp = 3, kSamples = 9, kFewest = 3;
-// m, sideways amplitude of the targets' motion, because a hand at rest has nothing to solve; and how far the targets
-// press the hand into the table.
+// m. The sideways amplitude of the targets' motion: a hand at rest has nothing to solve. And how far the targets press
+// the hand into the table.
 constexpr double kTargetAmplitude = 2e-3, kTargetDepth = 4e-3;
 constexpr double kFriction = 0.8;  // of the table
 // Ratio of the time of the same work in a live step and here. A live step also writes messages and the flight recorder,

@@ -113,8 +113,8 @@ TEST(ErrorRuntime, RepeatsAllNumbersExceptTimes) {
   EXPECT_EQ(a, b);
 }
 
-// Deep in the block, the hand touches with so many nodes that the dense matrices of the condensed solve would cost more
-// than factors with contact. Without kept factors there is no condensed solve.
+// Deep in the block, the hand touches with many nodes. The dense matrices of the condensed solve would cost more than
+// factors with contact. Without kept factors there is no condensed solve.
 TEST(ErrorRuntime, ADeepBlockCostsNoMoreThanWholeFactors) {
   const Scene& scene = scene_named("deep_block");
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_1450.hand.json");
