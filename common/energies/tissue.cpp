@@ -51,10 +51,7 @@ Tissue::Tissue(const TissueModel& model, InstructionSet set, std::string_view na
   if (model.tetrahedron_material.size() != count)
     throw std::invalid_argument("Tissue: one material per tetrahedron expected");
   std::vector<CorotationalMaterial> materials;
-  for (const Material& m : model.materials) {
-    materials.push_back(
-        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
-  }
+  for (const Material& m : model.materials) materials.push_back(corotational_material(m));
   for (std::size_t e = 0; e < count; ++e) {
     const auto& nodes = model.tetrahedra[e];
     if (std::any_of(nodes.begin(), nodes.end(), [&model](std::int32_t n) { return n < 0 || n >= model.node_count(); }))
@@ -103,6 +100,8 @@ Tissue::Tissue(const TissueModel& model, InstructionSet set, std::string_view na
     batch.lambda[lane] = m.lambda;
     batch.limit_energy[lane] = m.strain_limit_energy;
     batch.limit_stiffness[lane] = m.strain_limit_stiffness;
+    batch.limit_ramp[lane] = m.strain_limit_ramp;
+    batch.ramp_rate[lane] = m.strain_limit_ramp > 0 ? 0.5 / m.strain_limit_ramp : 0;
   }
 }
 
@@ -122,7 +121,8 @@ Tissue::Place Tissue::place_of(int element) const {
 CorotationalMaterial Tissue::material(int element) const {
   const auto [b, lane] = place_of(element);
   const TissueBatch& batch = batches_[b];
-  return {batch.mu[lane], batch.lambda[lane], batch.limit_energy[lane], batch.limit_stiffness[lane]};
+  return {batch.mu[lane], batch.lambda[lane], batch.limit_energy[lane], batch.limit_stiffness[lane],
+          batch.limit_ramp[lane]};
 }
 
 Matrix3 Tissue::deformation_gradient(const State& state, int element) const {

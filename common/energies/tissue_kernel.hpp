@@ -20,6 +20,7 @@ struct TissueBatch : ElementBatch {
   alignas(64) double volume[kElementBatch];                            ///< m^3
   double mu[kElementBatch], lambda[kElementBatch];                     ///< Pa
   double limit_energy[kElementBatch], limit_stiffness[kElementBatch];  ///< W_max, k_s; J/m^3
+  double limit_ramp[kElementBatch], ramp_rate[kElementBatch];          ///< w; 1/(2 w), or 0 without a ramp
 };
 
 /// `positions`: three per node, metres. Returns U_t in joules. If F is not finite in a lane, the result is NaN, and

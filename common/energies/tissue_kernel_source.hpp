@@ -239,12 +239,16 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   const Lanes squares = dot(strain[0], strain[0]) + dot(strain[1], strain[1]) + dot(strain[2], strain[2]);
   const Lanes quadratic = mu * squares + 0.5 * lambda * trace * trace;
   const Lanes excess = quadratic / limit_energy - 1.0;
-  const Choice limited = excess > 0.0;
-  const Lanes over = select(limited, excess, splat(0.0));
-  store(result.energy + first, volume * (quadratic + 0.5 * limit_stiffness * over * over));
+  // Way along the ramp of strain limiting, from 0 to 2 w, and beyond it.
+  const Lanes ramp = row(batch.limit_ramp), ramp_rate = row(batch.ramp_rate);
+  const Lanes beyond = maximum(excess - ramp, splat(0.0)), along = maximum(excess + ramp, splat(0.0)) - beyond;
+  const Lanes along_square = ramp_rate * along * along;
+  store(result.energy + first,
+        volume * (quadratic + limit_stiffness * ((1.0 / 6) * along * along_square + beyond * (ramp + 0.5 * beyond))));
   if constexpr (!kGradient && !kHessian) return;
 
-  const Lanes factor = splat(1.0) + limit_stiffness / limit_energy * over;
+  const Lanes slope = limit_stiffness / limit_energy;
+  const Lanes factor = splat(1.0) + slope * (0.5 * along_square + beyond);
   const Lanes weight = volume * factor;
   // dW_q/dF.
   Lanes3 stress[3];
@@ -281,7 +285,7 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   };
   const Row term[5] = {
       rounded<Row>(weight * lambda), twist(0, 1), twist(0, 2), twist(1, 2),
-      rounded<Row>(select(limited, volume * limit_stiffness / (limit_energy * limit_energy), splat(0.0)))};
+      rounded<Row>(volume * slope / limit_energy * select(beyond > 0.0, splat(1.0), ramp_rate * along))};
   // R b, the twists (u_i v_j^T - u_j v_i^T) b and dW_q/dF b.
   Row3<Row> factor_of[3][5], gradient_of[3];
 #pragma GCC unroll 3

@@ -107,12 +107,14 @@ void save_hand(const HandModel& hand, const std::string& path) {
   }
   for (int b = 0; b < kBodyCount; ++b) json["bodies"].push_back(body_json(hand, b));
   for (const Material& m : hand.materials) {
-    json["materials"].push_back({{"name", m.name},
-                                 {"density", quantity(m.density)},
-                                 {"youngs_modulus", quantity(m.youngs_modulus)},
-                                 {"poisson_ratio", quantity(m.poisson_ratio)},
-                                 {"strain_limit_energy", quantity(m.strain_limit_energy)},
-                                 {"strain_limit_stiffness", quantity(m.strain_limit_stiffness)}});
+    Json material{{"name", m.name},
+                  {"density", quantity(m.density)},
+                  {"youngs_modulus", quantity(m.youngs_modulus)},
+                  {"poisson_ratio", quantity(m.poisson_ratio)},
+                  {"strain_limit_energy", quantity(m.strain_limit_energy)},
+                  {"strain_limit_stiffness", quantity(m.strain_limit_stiffness)}};
+    if (m.strain_limit_ramp != 0) material["strain_limit_ramp"] = quantity(m.strain_limit_ramp);
+    json["materials"].push_back(std::move(material));
   }
   // Large arrays are flat, each on its own line.
   const auto flat = [&json](const char* key, const auto& fill) {
@@ -277,11 +279,12 @@ HandModel parse_hand(const std::string& text, const std::string& path) {
   const FieldReader materials = root["materials"];
   for (std::size_t m = 0; m < materials.size(); ++m) {
     const FieldReader r = materials.at(m);
-    r.expect_keys(
-        {"name", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness"});
+    r.expect_keys({"name", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy",
+                   "strain_limit_stiffness", "strain_limit_ramp"});
     hand.materials.push_back({r["name"].string(), r["density"].number(), r["youngs_modulus"].number(),
                               r["poisson_ratio"].number(), r["strain_limit_energy"].number(),
-                              r["strain_limit_stiffness"].number()});
+                              r["strain_limit_stiffness"].number(),
+                              r.has("strain_limit_ramp") ? r["strain_limit_ramp"].number() : 0});
   }
 
   const FieldReader nodes = root["nodes"];

@@ -89,19 +89,21 @@ Json soft_json(const SoftBody& body) {
   Json tetrahedra = Json::array();
   for (const auto& t : body.tetrahedra)
     for (const auto n : t) tetrahedra.push_back(n);
-  return {{"density", quantity(body.material.density)},
-          {"youngs_modulus", quantity(body.material.youngs_modulus)},
-          {"poisson_ratio", quantity(body.material.poisson_ratio)},
-          {"strain_limit_energy", quantity(body.material.strain_limit_energy)},
-          {"strain_limit_stiffness", quantity(body.material.strain_limit_stiffness)},
-          {"friction", quantity(body.friction)},
-          {"nodes", flat_json(body.nodes)},
-          {"tetrahedra", std::move(tetrahedra)}};
+  Json out{{"density", quantity(body.material.density)},
+           {"youngs_modulus", quantity(body.material.youngs_modulus)},
+           {"poisson_ratio", quantity(body.material.poisson_ratio)},
+           {"strain_limit_energy", quantity(body.material.strain_limit_energy)},
+           {"strain_limit_stiffness", quantity(body.material.strain_limit_stiffness)},
+           {"friction", quantity(body.friction)},
+           {"nodes", flat_json(body.nodes)},
+           {"tetrahedra", std::move(tetrahedra)}};
+  if (body.material.strain_limit_ramp != 0) out["strain_limit_ramp"] = quantity(body.material.strain_limit_ramp);
+  return out;
 }
 
 SoftBody read_soft(const FieldReader& reader) {
   reader.expect_keys({"density", "youngs_modulus", "poisson_ratio", "strain_limit_energy", "strain_limit_stiffness",
-                      "friction", "nodes", "tetrahedra"});
+                      "strain_limit_ramp", "friction", "nodes", "tetrahedra"});
   SoftBody body;
   body.material.name = "soft";
   body.material.density = reader["density"].number();
@@ -109,6 +111,7 @@ SoftBody read_soft(const FieldReader& reader) {
   body.material.poisson_ratio = reader["poisson_ratio"].number();
   body.material.strain_limit_energy = reader["strain_limit_energy"].number();
   body.material.strain_limit_stiffness = reader["strain_limit_stiffness"].number();
+  if (reader.has("strain_limit_ramp")) body.material.strain_limit_ramp = reader["strain_limit_ramp"].number();
   body.friction = reader["friction"].number();
   body.nodes = read_points(reader["nodes"]);
   const FieldReader tetrahedra = reader["tetrahedra"];

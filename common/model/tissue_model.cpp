@@ -58,6 +58,8 @@ void validate_tetrahedra(const TissueModel& model, const std::string& where) {
           entry("materials", m) + ".strain_limit_energy", "a finite number > 0");
     check(material.strain_limit_stiffness >= 0 && std::isfinite(material.strain_limit_stiffness),
           entry("materials", m) + ".strain_limit_stiffness", "a finite number >= 0");
+    check(material.strain_limit_ramp >= 0 && material.strain_limit_ramp <= 1,
+          entry("materials", m) + ".strain_limit_ramp", "a number in [0, 1]");
   }
   for (std::size_t n = 0; n < model.nodes.size(); ++n) {
     check(model.nodes[n].allFinite() && model.nodes[n].norm() < kMaximumTissueExtent, entry("nodes", n),

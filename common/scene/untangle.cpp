@@ -57,8 +57,7 @@ Untangler::Untangler(const HandModel& hand, double full_check_period, int first_
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) rest.col(static_cast<Eigen::Index>(n)) = hand.nodes[n];
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const Material& m = hand.materials[hand.tetrahedron_material[t]];
-    const CorotationalMaterial law =
-        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+    const CorotationalMaterial law = corotational_material(m);
     mirrored_energies_.push_back(std::abs(tetrahedron_volume(rest, hand.tetrahedra[t])) * flip_density(law));
     mirrored_energy_ += mirrored_energies_.back();
     auto corners = hand.tetrahedra[t];

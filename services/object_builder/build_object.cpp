@@ -122,7 +122,7 @@ double thin_area(const TriangleMesh& mesh, double spacing, const std::string& wh
 
 SoftSource read_soft(const FieldReader& reader, const std::filesystem::path& folder) {
   reader.expect_keys({"mesh", "nodes", "density", "youngs_modulus", "poisson_ratio", "strain_limit_energy",
-                      "strain_limit_stiffness", "friction"});
+                      "strain_limit_stiffness", "strain_limit_ramp", "friction"});
   SoftSource source;
   source.mesh = (folder / reader["mesh"].string()).string();
   if (reader.has("nodes")) source.nodes = reader["nodes"].index();
@@ -131,6 +131,7 @@ SoftSource read_soft(const FieldReader& reader, const std::filesystem::path& fol
                                    {"poisson_ratio", &source.poisson_ratio},
                                    {"strain_limit_energy", &source.strain_limit_energy},
                                    {"strain_limit_stiffness", &source.strain_limit_stiffness},
+                                   {"strain_limit_ramp", &source.strain_limit_ramp},
                                    {"friction", &source.friction}}) {
     if (reader.has(key)) *value = reader[key].number();
   }

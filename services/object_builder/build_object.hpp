@@ -27,6 +27,7 @@ struct SoftSource {
   double poisson_ratio = 0.3;
   double strain_limit_energy = 1e9;   ///< J/m^3, W_max of eq. 22
   double strain_limit_stiffness = 0;  ///< J/m^3, k_s; 0 = no strain limit
+  double strain_limit_ramp = 0;       ///< [0, 1], as in Material
   double friction = 0.8;
 };
 

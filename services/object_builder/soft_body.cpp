@@ -22,7 +22,8 @@ SoftBody build_soft_body(const SoftSource& source, double scale) {
                    source.youngs_modulus,
                    source.poisson_ratio,
                    source.strain_limit_energy,
-                   source.strain_limit_stiffness};
+                   source.strain_limit_stiffness,
+                   source.strain_limit_ramp};
   body.friction = source.friction;
   TetrahedralMesh tetrahedra;
   try {

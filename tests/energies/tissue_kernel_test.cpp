@@ -31,7 +31,9 @@ HandModel loose_tetrahedra(int count, Random& random) {
   HandModel hand;
   hand.materials = {{"soft", 1000, 1e5, 0.45, 500, 500},
                     {"stiff", 1000, 1e6, 0.3, 50, 5e4},
-                    {"unlimited", 1000, 2e5, 0.499, 1e12, 0}};
+                    {"unlimited", 1000, 2e5, 0.499, 1e12, 0},
+                    {"with a ramp", 1000, 1e5, 0.45, 500, 500, 0.25},
+                    {"with the longest ramp", 1000, 1e6, 0.3, 500, 5e4, 1}};
   for (int e = 0; e < count; ++e) {
     const std::int32_t first = 4 * e;
     hand.nodes.push_back(0.01 * random.vector());
@@ -41,7 +43,7 @@ HandModel loose_tetrahedra(int count, Random& random) {
       hand.nodes.push_back(hand.nodes[static_cast<std::size_t>(first)] + edge);
     }
     hand.tetrahedra.push_back({first, first + 1, first + 2, first + 3});
-    hand.tetrahedron_material.push_back(static_cast<std::uint8_t>(e % 3));
+    hand.tetrahedron_material.push_back(static_cast<std::uint8_t>(e % 5));
   }
   return hand;
 }
@@ -143,8 +145,7 @@ TEST(TissueKernel, EqualsTheScalarReference) {
       deform(state, hand, e, r * q * s.asDiagonal() * q.transpose());
       // The scale is the force at strains of order one, because F - R cancels near rest.
       const Material& m = hand.materials[hand.tetrahedron_material[static_cast<std::size_t>(e)]];
-      const CorotationalMaterial c =
-          corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+      const CorotationalMaterial c = corotational_material(m);
       force_scale.push_back((2 * c.mu + 3 * c.lambda) * 0.004 * 0.004);
     }
     const Outcome expected = evaluate(reference, state);

@@ -143,11 +143,42 @@ TEST(Corotational, RefusesBadConstants) {
   EXPECT_THROW(corotational_material(0, 0.45, 1, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(1e5, 0.5, 1, 0), std::invalid_argument);
   EXPECT_THROW(corotational_material(1e5, 0.45, 1, -1), std::invalid_argument);
+  for (const double ramp : {-0.1, 1.1, double(NAN)})
+    EXPECT_THROW(corotational_material(1e5, 0.45, 1, 1, ramp), std::invalid_argument);
+}
+
+TEST(Corotational, ARampStiffensWithoutAJumpAndEndsAtTheSameStress) {
+  constexpr double kLimit = 500, kStiffness = 5000, kStep = 1e-3;  // J/m^3
+  for (const double ramp : {0.05, 0.25, 1.0}) {
+    const CorotationalMaterial material = corotational_material(5e4, 0.3, kLimit, kStiffness, ramp),
+                               without = corotational_material(5e4, 0.3, kLimit, kStiffness);
+    const auto stretched = [](const CorotationalMaterial& m, double energy) {
+      const double strain = std::sqrt(energy / (m.mu + 0.5 * m.lambda));
+      return evaluate_corotational(m, Vector3(1 + strain, 1, 1).asDiagonal());
+    };
+    double last = 0;
+    for (double energy = 0.5; energy < 1200; energy += 1) {
+      const CorotationalState state = stretched(material, energy), next = stretched(material, energy + kStep);
+      ASSERT_NEAR(state.quadratic, energy, 1e-9);
+      EXPECT_NEAR((next.density - state.density) / kStep, 0.5 * (state.factor + next.factor), 1e-5) << energy;
+      EXPECT_NEAR((next.factor - state.factor) / kStep, 0.5 * (state.stiffening + next.stiffening), 1e-7) << energy;
+      // In a step of 1 J/m^3 it may grow by 1/(2 w W_max) of its end value.
+      EXPECT_NEAR(state.stiffening, last, 1.01 * kStiffness / (kLimit * kLimit) / (2 * ramp * kLimit)) << energy;
+      last = state.stiffening;
+      if (energy <= (1 - ramp) * kLimit) {
+        EXPECT_EQ(state.factor, 1) << energy;
+      } else if (energy >= (1 + ramp) * kLimit) {
+        EXPECT_NEAR(state.factor, stretched(without, energy).factor, 1e-12) << energy;
+      }
+    }
+    EXPECT_NEAR(last, kStiffness / (kLimit * kLimit), 1e-12);
+  }
 }
 
 // A distorted brick of tissue: every node is moved.
-HandModel distorted(std::uint64_t seed, double nu = 0.45) {
-  HandModel box = testing::box_mesh({2, 2, 2}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, nu, 500, 500});
+HandModel distorted(std::uint64_t seed, double nu = 0.45, double strain_limit_ramp = 0) {
+  HandModel box =
+      testing::box_mesh({2, 2, 2}, Vector3(0.02, 0.02, 0.02), {"skin", 1000, 1e5, nu, 500, 500, strain_limit_ramp});
   Random random(seed);
   for (auto& node : box.nodes) node += 0.0012 * random.vector();
   return box;
@@ -158,8 +189,8 @@ void place(State& state, const HandModel& box, const Matrix3& f) {
 }
 
 TEST(Tissue, Derivatives) {
-  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-    const HandModel box = distorted(seed);
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    const HandModel box = distorted(seed, 0.45, seed == 4 ? 1 : 0);
     Tissue tissue(box);
     State state = testing::rest_state(box);
     // Mild deformations, partly below and partly above the strain limit.

@@ -46,9 +46,7 @@ ObjectState state_of(const ObjectOptions& object, std::uint32_t id) {
 // Norm of the first Piola stress of each element, Pa.
 std::vector<double> stress_norms(const HandModel& hand, const State& state) {
   std::vector<CorotationalMaterial> materials;
-  for (const Material& m : hand.materials)
-    materials.push_back(
-        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
+  for (const Material& m : hand.materials) materials.push_back(corotational_material(m));
   std::vector<double> norms;
   for (std::size_t t = 0; t < hand.tetrahedra.size(); ++t) {
     const auto& n = hand.tetrahedra[t];

@@ -95,10 +95,8 @@ void measure(const HandModel& hand, const State& state, PostureResult& result) {
     };
     const Material& m = hand.materials[hand.tetrahedron_material[e]];
     const Matrix3 rest = edges(hand.nodes);
-    const auto bent = evaluate_corotational(
-        corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness),
-        edges(nodes) * rest.inverse());
-    beyond += bent.factor > 1 ? 1 : 0;
+    const auto bent = evaluate_corotational(corotational_material(m), edges(nodes) * rest.inverse());
+    beyond += bent.quadratic > m.strain_limit_energy ? 1 : 0;
     tissue.push_back({(bent.svd.singular_values.array() - 1).abs().maxCoeff(), rest.determinant() / 6});
   }
   result.skin_max = share_below(skin, 1);

@@ -42,9 +42,7 @@ inline CorotationalHessian corotational_hessian(const CorotationalMaterial& mate
                                             state.svd.u.col(j) * state.svd.v.col(i).transpose());
   }
   hessian.direction[4] = state.stress_quadratic;
-  // m > 1 exactly if the limit is exceeded.
-  hessian.weight[4] =
-      m > 1 ? material.strain_limit_stiffness / (material.strain_limit_energy * material.strain_limit_energy) : 0.0;
+  hessian.weight[4] = state.stiffening;
   return hessian;
 }
 
@@ -52,10 +50,7 @@ class ScalarTissue final : public Energy {
  public:
   explicit ScalarTissue(const HandModel& hand) {
     std::vector<CorotationalMaterial> materials;
-    for (const Material& m : hand.materials) {
-      materials.push_back(
-          corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness));
-    }
+    for (const Material& m : hand.materials) materials.push_back(corotational_material(m));
     for (std::size_t e = 0; e < hand.tetrahedra.size(); ++e) {
       Element element;
       element.nodes = hand.tetrahedra[e];

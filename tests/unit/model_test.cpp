@@ -49,7 +49,8 @@ TEST(HandFile, RoundTripGivesTheSameBytes) {
 }
 
 TEST(HandFile, KeepsGeometryToItsGrid) {
-  const HandModel hand = block_hand();
+  HandModel hand = block_hand();
+  hand.materials[0].strain_limit_ramp = 0.25;
   const std::string path = temporary("grid.hand.json");
   save_hand(hand, path);
   const HandModel back = load_hand(path);
@@ -57,6 +58,7 @@ TEST(HandFile, KeepsGeometryToItsGrid) {
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) EXPECT_LE((back.nodes[n] - hand.nodes[n]).norm(), 1e-7);
   EXPECT_EQ(back.tetrahedra, hand.tetrahedra);
   EXPECT_EQ(back.surface, hand.surface);
+  EXPECT_EQ(back.materials[0].strain_limit_ramp, 0.25);
   EXPECT_EQ(back.bodies[7].joint.kind, hand.bodies[7].joint.kind);
 }
 
@@ -110,6 +112,8 @@ INSTANTIATE_TEST_SUITE_P(
               "materials[0].strain_limit_energy"},
         Fault{"StrainLimitNaN", [](HandModel& h) { h.materials[0].strain_limit_energy = std::nan(""); },
               "materials[0].strain_limit_energy"},
+        Fault{"StrainLimitRamp", [](HandModel& h) { h.materials[0].strain_limit_ramp = 1.5; },
+              "materials[0].strain_limit_ramp"},
         Fault{"Massless", [](HandModel& h) { h.bodies[4].mass = 0; }, "bodies[thumb_distal].mass"},
         Fault{"IndefiniteInertia", [](HandModel& h) { h.bodies[4].inertia(1, 1) = -1e-6; },
               "bodies[thumb_distal].inertia"},

@@ -87,7 +87,7 @@ ObjectModel soft_cube() {
   SoftBody body;
   for (int n = 0; n < 8; ++n) body.nodes.emplace_back(0.02 * (n & 1), 0.02 * ((n >> 1) & 1), 0.02 * (n >> 2));
   body.tetrahedra = {{0, 1, 2, 4}, {1, 3, 2, 7}, {1, 2, 4, 7}, {1, 4, 5, 7}, {2, 4, 7, 6}};
-  body.material = {"soft", 60, 1e4, 0.2, 1e9, 0};
+  body.material = {"soft", 60, 1e4, 0.2, 1e9, 0, 0.5};
   body.friction = 0.7;
   object.soft = body;
   return object;
@@ -103,6 +103,7 @@ TEST(ObjectFile, FlexibleObjectIsReadAsItWasWritten) {
   EXPECT_EQ(loaded.soft->tetrahedra, soft_cube().soft->tetrahedra);
   EXPECT_EQ(loaded.soft->friction, 0.7);
   EXPECT_EQ(loaded.soft->material.youngs_modulus, 1e4);
+  EXPECT_EQ(loaded.soft->material.strain_limit_ramp, 0.5);
   save_object(loaded, second);
   EXPECT_EQ(content(first), content(second));
 }
@@ -117,6 +118,8 @@ TEST(ObjectFile, RefusesABadFlexibleObjectWithItsField) {
     return message([&] { parse_object(bad.dump(), "cube.json"); });
   };
   EXPECT_EQ(refusal("friction", -1), "cube.json: soft.friction: expected 0 to 10");
+  EXPECT_NE(refusal("strain_limit_ramp", -1).find("cube.json: soft: materials[0].strain_limit_ramp: expected"),
+            std::string::npos);
   EXPECT_EQ(refusal("density", "heavy"), "cube.json: soft.density: expected a number");
   EXPECT_NE(refusal("poisson_ratio", 0.6).find("cube.json: soft: materials[0].poisson_ratio: expected"),
             std::string::npos);

@@ -213,8 +213,7 @@ std::vector<Measurement> patch_test(const Parameters& p) {
     state.node_positions.col(interior) -= stiffness.ldlt().solve(gradient.segment<3>(3 * interior));
   }
   const Material& m = box.materials.front();
-  const CorotationalMaterial material =
-      corotational_material(m.youngs_modulus, m.poisson_ratio, m.strain_limit_energy, m.strain_limit_stiffness);
+  const CorotationalMaterial material = corotational_material(m);
   const CorotationalState uniform = evaluate_corotational(material, f);
   double density_spread = 0, stress_spread = 0;
   for (int e = 0; e < tissue.element_count(); ++e) {
