@@ -440,7 +440,7 @@ struct LoopStatus {
   double residual = 0;  ///< N, hand only
   std::uint32_t iterations = 0;
   std::uint32_t solver_status = 0;
-  std::uint32_t contact_count = 0;
+  std::uint32_t contact_count = 0;      ///< points of skin that touch objects or skin, hand only
   std::uint32_t inverted_elements = 0;  ///< number of inverted tetrahedra now, hand only
   double penetration = 0;               ///< m, largest contact penetration now, hand only
   double coupling_stretch = 0;          ///< m, largest stretch now of the springs between skeletons; hand, tracking

@@ -521,6 +521,12 @@ int HandSimulation::contact_count() const {
   return count;
 }
 
+int HandSimulation::skin_contact_count() const {
+  std::size_t count = 0;
+  for_each_skin([&count](const SkinContact& skin) { count += skin.anchors().size(); });
+  return static_cast<int>(count);
+}
+
 void HandSimulation::look_ahead(double time_step) {
   for_each_contacts([&](ContactSet& contacts) { contacts.look_ahead(state_, time_step); });
 }

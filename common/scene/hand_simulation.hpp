@@ -220,7 +220,8 @@ class HandSimulation {
   int inverted_elements() const;
   /// Number of tangled nodes of all hands that were put back since construction (untangle.hpp).
   std::uint64_t untangled_nodes() const { return untangled_nodes_; }
-  int contact_count() const;  ///< with the objects in the slots
+  int contact_count() const;       ///< points that touch the objects in the slots
+  int skin_contact_count() const;  ///< points of skin that touch skin, of one hand or two, or flexible objects
   const EnergyLedger& ledger() const { return ledger_; }
   /// Calls f(name, joules) for each term, with its stored energy when a step was last entered into the ledger.
   template <typename F>

@@ -159,9 +159,7 @@ int run_simulate(const SimulateArguments& arguments) {
   json["inverted_end"] = simulation.inverted_elements();
   json["inverted_steps_fraction"] =
       static_cast<double>(inverted_steps) / static_cast<double>(std::max<std::uint64_t>(1, rig.steps_of_hand()));
-  const bool touches = simulation.contact_count() > 0 ||
-                       (simulation.skin_between() != nullptr && !simulation.skin_between()->anchors().empty()) ||
-                       (simulation.skin() != nullptr && !simulation.skin()->anchors().empty());
+  const bool touches = simulation.contact_count() > 0 || simulation.skin_contact_count() > 0;
   json["rest_error_mm"] = touches ? Json(nullptr) : Json(rest_error(simulation.hand(), simulation.state()) * 1e3);
   const EnergyLedger& ledger = simulation.ledger();
   json["energy_ledger_defect"] = ledger.defect();

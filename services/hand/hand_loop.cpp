@@ -187,7 +187,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   status.residual = report.residual;
   status.iterations = static_cast<std::uint32_t>(report.iterations);
   status.solver_status = static_cast<std::uint32_t>(report.status);
-  status.contact_count = static_cast<std::uint32_t>(simulation_->contact_count());
+  status.contact_count = static_cast<std::uint32_t>(simulation_->contact_count() + simulation_->skin_contact_count());
   status.inverted_elements = static_cast<std::uint32_t>(simulation_->inverted_elements());
   status.penetration = simulation_->deepest_penetration();
   status.coupling_stretch = simulation_->largest_coupling_stretch();

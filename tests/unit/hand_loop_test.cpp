@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 #include <utility>
@@ -351,6 +352,31 @@ TEST(HandLoop, PublishesAFlexibleObjectAndPutsItBackOnRequestAndOnAReset) {
   run(20);
   loop.reset(now);
   EXPECT_GT(run(1).centre[1], 0.99);
+}
+
+TEST(HandLoop, StatusCountsContactsWithFlexibleObjects) {
+  const HandModel model = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+  double low = 0;
+  for (const Vector3& node : model.nodes) low = std::min(low, node.y());
+  const SoftObject block{.name = "block",
+                         .body = testing::soft_box({2, 2, 2}, Vector3::Constant(0.04), testing::soft_material(1e4)),
+                         .pose = {.position = {0, low - 0.025, -0.1}}};
+  HandLoop loop(model, {}, {}, {}, {block});
+  std::uint32_t most = 0;
+  for (int i = 1; i <= 80; ++i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    const Pose wrist{Vector3(0, i <= 60 ? 0 : -0.001 * (i - 60), 0), Quaternion::Identity()};
+    const Skeleton sample = skeleton_at(model, wrist, now, static_cast<std::uint64_t>(i));
+    loop.step(now, {&sample}, {});
+    LoopStatus status;
+    loop.fill_status(status, now);
+    if (i <= 60) {
+      EXPECT_EQ(status.contact_count, 0u);
+    }
+    most = std::max(most, status.contact_count);
+  }
+  EXPECT_GT(most, 0u) << "the block is pushed away";
+  EXPECT_EQ(loop.simulation().contact_count(), 0) << "there is no object of the world";
 }
 
 TEST(HandLoop, UnwantedOutputsAreNotComputed) {
