@@ -81,6 +81,8 @@ StepReport NewtonSolver::step(State& state, double time_step) {
     potential_.begin_step(state, time_step);
   }
   bool may_be_chord = prepare_ && prepare_(linkage_) && options_.chord_tolerance > 0;
+  const bool has_guess = make_guess(state, time_step);
+  may_be_chord = may_be_chord && !linkage_.any_touching();
   bool is_finite = true;
   auto predicted = Predictor::Outcome::failed;
   if (may_be_chord && predictor_.is_promising()) {
@@ -99,7 +101,7 @@ StepReport NewtonSolver::step(State& state, double time_step) {
       state = potential_.start();
       meter.restore({});
     }
-    is_finite = minimise(state, time_step, may_be_chord, continues, meter);
+    is_finite = minimise(state, time_step, may_be_chord, has_guess && !continues, continues, meter);
     if (is_finite && report.status == StepStatus::failed_factorisation && report.iterations == 0) {
       state = potential_.start();
       report.measured = false;
@@ -134,15 +136,15 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   return report;
 }
 
-// Makes `best_` the guess of the end of the step. Returns whether there is one. A truncated step has hardly time to
+// Makes `best_` the guess of the end of the step. Returns whether there is one. A step with a budget has hardly time to
 // find its contacts, so those of the guess are added. Where velocities predict the guess, they have predicted its
 // contacts.
-bool NewtonSolver::make_guess(const State& state, double time_step, bool continues, bool is_truncated) {
-  if (!guess_ || continues || options_.max_iterations < kFewIterations) return false;
-  if (!linkage_.any_touching() && !is_truncated) return false;
+bool NewtonSolver::make_guess(const State& state, double time_step) {
+  const bool has_budget = options_.work_budget > 0;
+  if (!guess_ || options_.max_iterations < kFewIterations || !(linkage_.any_touching() || has_budget)) return false;
   best_ = state;
   if (!guess_(linkage_, time_step, best_)) return false;
-  if (is_truncated && linkage_.prediction_error(state, best_, time_step) > kWellPredicted) revise(best_);
+  if (has_budget && linkage_.prediction_error(state, best_, time_step) > kWellPredicted) revise(best_);
   return true;
 }
 
@@ -164,12 +166,13 @@ bool NewtonSolver::evaluate_first(State& state, bool has_guess, bool continues, 
   return potential_.evaluate(state, meter, {.hessian = hessian, .may_be_result = false});
 }
 
-// Newton's iterations from `state`, to the end of an ordinary step. `continues`: a chord step did not converge, but
-// `state` has less energy than the start of the step. Returns false if a value is NaN or infinite.
-bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter) {
+// Newton's iterations from `state`, to the end of an ordinary step. `has_guess`: `best_` is a guess of its end.
+// `continues`: a chord step did not converge, but `state` has less energy than the start of the step. Returns false if
+// a value is NaN or infinite.
+bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, bool has_guess, bool continues,
+                            StepMeter& meter) {
   StepReport& report = meter.report;
   const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
-  const bool has_guess = make_guess(state, time_step, continues, is_truncated);
   bool touches = linkage_.any_touching();
   may_be_chord = may_be_chord && !touches;
   predictor_.begin_ordinary_step();

@@ -84,9 +84,9 @@ class NewtonSolver {
   const BlockMatrix& hessian() const { return potential_.hessian(); }  ///< at the last linearisation
 
  private:
-  bool make_guess(const State& state, double time_step, bool continues, bool is_truncated);
+  bool make_guess(const State& state, double time_step);
   bool evaluate_first(State& state, bool has_guess, bool continues, bool hessian, StepMeter& meter);
-  bool minimise(State& state, double time_step, bool may_be_chord, bool continues, StepMeter& meter);
+  bool minimise(State& state, double time_step, bool may_be_chord, bool has_guess, bool continues, StepMeter& meter);
   bool revise(const State& state);
   double largest_move(const State& state, bool condenses) const;
   bool solve_contact(State& state, StepMeter& meter);
