@@ -14,6 +14,8 @@ namespace softhand {
 namespace {
 
 constexpr double kSharpRadius = 1.5e-3;  // m
+// A ball of this radius fits inside a smooth surface and touches it. At a corner only a smaller part of it fits.
+constexpr double kFits = 0.9;
 
 void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
   if (std::isfinite(value) && (value > 0 || (zero_allowed && value == 0))) return;
@@ -61,8 +63,13 @@ ShapeGeometry::ShapeGeometry(std::unique_ptr<const ShapeQueries> queries)
     : queries_(std::move(queries)), bounding_radius_(queries_->bounding_radius()), properties_(queries_->properties()) {
   std::array<RestingPoint, most_resting_points> points;
   const std::size_t count = resting_points(Vector3::UnitY(), points);
+  const auto is_sharp = [this](const RestingPoint& point) {
+    if (point.radius > 0) return point.radius <= kSharpRadius;
+    const Vector3 inside = point.centre - kSharpRadius * closest(point.centre).normal;
+    return closest(inside).distance > -kFits * kSharpRadius;
+  };
   std::copy_if(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(count), std::back_inserter(sharp_points_),
-               [](const RestingPoint& point) { return point.radius <= kSharpRadius; });
+               is_sharp);
 }
 ShapeGeometry::ShapeGeometry(const Shape& shape) : ShapeGeometry(load(shape)) {}
 ShapeGeometry::ShapeGeometry(const TriangleMesh& mesh, double spacing) : ShapeGeometry(make_grid(mesh, spacing)) {}
