@@ -136,15 +136,16 @@ StepReport NewtonSolver::step(State& state, double time_step) {
   return report;
 }
 
-// Makes `best_` the guess of the end of the step. Returns whether there is one. A step with a budget has hardly time to
-// find its contacts, so those of the guess are added. Where velocities predict the guess, they have predicted its
+// Makes `best_` the guess of the end of the step. Returns whether there is one. In the air only a step with a budget
+// has a guess, because it has hardly time to find its contacts. The contacts of the guess are added: iterations that
+// begin there must not leave a thin wall on its other side. Where velocities predict the guess, they have predicted its
 // contacts.
 bool NewtonSolver::make_guess(const State& state, double time_step) {
-  const bool has_budget = options_.work_budget > 0;
-  if (!guess_ || options_.max_iterations < kFewIterations || !(linkage_.any_touching() || has_budget)) return false;
+  if (!guess_ || options_.max_iterations < kFewIterations) return false;
+  if (!linkage_.any_touching() && options_.work_budget == 0) return false;
   best_ = state;
   if (!guess_(linkage_, time_step, best_)) return false;
-  if (has_budget && linkage_.prediction_error(state, best_, time_step) > kWellPredicted) revise(best_);
+  if (linkage_.prediction_error(state, best_, time_step) > kWellPredicted) revise(best_);
   return true;
 }
 
