@@ -94,9 +94,9 @@ class BodyCoupling final : public EnergyWithMemory<BodyCoupling> {
   /// The bodies were repositioned. Targets and gains stay.
   void reset();
 
-  /// Where the body is if it moves from the start of this step as the target of spring and damper has moved since the
-  /// last step. World frame; call it after `begin_step`. Empty without a target, after a jump of the target by more
-  /// than 1 rad, and after a reset.
+  /// Pose of the body (world) if it moves from the start of this step as its target does. The target is that of spring
+  /// and damper together, and its movement is the one since the last step. Call it after `begin_step`. Empty without a
+  /// target, after a jump of the target by more than 1 rad, and after a reset.
   std::optional<Pose> followed(int site) const;
   /// Distance from the site's target to its frame in `state`, metres. Zero without a target.
   double stretch(int site, const State& state) const;

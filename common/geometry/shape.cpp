@@ -14,8 +14,9 @@ namespace softhand {
 namespace {
 
 constexpr double kSharpRadius = 1.5e-3;  // m
-// A ball of this radius fits inside a smooth surface and touches it. At a corner only a smaller part of it fits.
-constexpr double kFits = 0.9;
+// The centre of a ball that touches a smooth surface from inside is a radius below it. Below a corner it is nearer to
+// the surface. A corner is sharp if it is nearer than this part of the radius.
+constexpr double kSmooth = 0.9;
 
 void check_size(const char* kind, const char* field, double value, bool zero_allowed = false) {
   if (std::isfinite(value) && (value > 0 || (zero_allowed && value == 0))) return;
@@ -66,7 +67,7 @@ ShapeGeometry::ShapeGeometry(std::unique_ptr<const ShapeQueries> queries)
   const auto is_sharp = [this](const RestingPoint& point) {
     if (point.radius > 0) return point.radius <= kSharpRadius;
     const Vector3 inside = point.centre - kSharpRadius * closest(point.centre).normal;
-    return closest(inside).distance > -kFits * kSharpRadius;
+    return closest(inside).distance > -kSmooth * kSharpRadius;
   };
   std::copy_if(points.begin(), points.begin() + static_cast<std::ptrdiff_t>(count), std::back_inserter(sharp_points_),
                is_sharp);

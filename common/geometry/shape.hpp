@@ -87,7 +87,7 @@ class ShapeGeometry {
   std::size_t resting_points(const Vector3& up, std::span<RestingPoint> out) const;
   static constexpr std::size_t most_resting_points = kMaxHullVertices;
   /// Corners and small balls on the surface that can pass between two contact points of the skin: the resting points of
-  /// at most 1.5 mm radius. The corners of a smooth mesh are not among them.
+  /// at most 1.5 mm radius. A corner counts if a ball of this radius does not fit below it, so a smooth mesh has none.
   std::span<const RestingPoint> sharp_points() const { return sharp_points_; }
   const SolidProperties& solid() const { return properties_; }
 

@@ -19,7 +19,7 @@ struct Material {
   double poisson_ratio = 0;           ///< [0, 0.5)
   double strain_limit_energy = 0;     ///< J/m^3, W_max of eq. 22; > 0
   double strain_limit_stiffness = 0;  ///< J/m^3, k_s of eq. 22 (k_c in the source); 0 = no limiting
-  /// [0, 1]: the limit's stiffness grows while W_q/W_max - 1 goes from minus this to this; 0: it jumps at W_max
+  /// w, [0, 1]: the limit's stiffness grows while W_q/W_max goes from 1 - w to 1 + w; 0: it jumps at W_max
   double strain_limit_ramp = 0;
 };
 

@@ -175,7 +175,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   StepReport& report = meter.report;
   const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
   bool touches = linkage_.any_touching();
-  may_be_chord = may_be_chord && !touches;
   predictor_.begin_ordinary_step();
   if (!touches) policy_.set_touches_much(false);
   bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves();

@@ -60,8 +60,8 @@ class NewtonSolver {
   /// bodies: no contact began or ended.
   ///
   /// `guess` moves the state at the start of a step to where the step may end. It is called if something touches, and
-  /// with a work budget in every ordinary step. The iterations begin there if energy and residual are smaller. With a
-  /// budget, surfaces that the guess crosses get contacts, if velocities do not predict it. It returns false if the
+  /// with a work budget in every step. The iterations of an ordinary step begin there if energy and residual are
+  /// smaller. Surfaces that the guess crosses get contacts, if velocities do not predict it. It returns false if the
   /// state hardly moves. It must not allocate.
   using Guess = std::function<bool(const Linkage& linkage, double time_step, State& state)>;
   void use_linkage(Linkage linkage, std::function<bool(Linkage&)> prepare, Guess guess = {});

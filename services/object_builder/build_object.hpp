@@ -55,9 +55,9 @@ struct LinkReport {
 /// with file, field and what was expected.
 ObjectSource load_description(const std::string& path);
 
-/// Reads the meshes, unites the meshes of each link, rounds them as the object file does, and checks them: closed,
-/// outward, no self-intersections, walls of at least two cells on 98 % of the surface. Then mass properties and convex
-/// pieces. A flexible object gets tetrahedra instead, by the mesher of the hand (hand_builder/mesher.hpp), and no
+/// Reads the meshes, unites those of each link, and rounds them as the object file does. They must be closed and
+/// outward, have no self-intersections, and have walls of at least two cells on 98 % of the surface. Then mass
+/// properties and convex pieces are computed. A flexible object gets tetrahedra instead, by the mesher of the hand (hand_builder/mesher.hpp), and no
 /// report. Throws std::runtime_error with file or link, and what was expected.
 ObjectModel build_object(const ObjectSource& source, std::vector<LinkReport>& reports);
 

@@ -146,12 +146,13 @@ void check_latency(TrackerListener& listener, const char* name, Send&& send) {
   std::uint64_t before = listener.hands[1].stamp.sequence;
   ASSERT_TRUE(listener.until(send, [&] { return listener.hands[1].stamp.sequence != before; })) << name;
   int quiet = 0;
-  listener.until([] {},
-                 [&] {
-                   quiet = listener.hands[1].stamp.sequence == before ? quiet + 1 : 0;
-                   before = listener.hands[1].stamp.sequence;
-                   return quiet == 10;
-                 });
+  ASSERT_TRUE(listener.until([] {},
+                             [&] {
+                               quiet = listener.hands[1].stamp.sequence == before ? quiet + 1 : 0;
+                               before = listener.hands[1].stamp.sequence;
+                               return quiet == 10;
+                             }))
+      << name;
   std::vector<Nanoseconds> sent;
   std::vector<double> latencies;
   std::uint64_t newest = before;
