@@ -241,10 +241,20 @@ class HandSimulation {
   SimulatedHand& at(int hand) { return *hands_[static_cast<std::size_t>(hand)]; }
   const SimulatedHand& at(int hand) const { return *hands_[static_cast<std::size_t>(hand)]; }
   int slot_body(int slot) const { return hand_count() * kBodyCount + slot; }
+  /// Contact of the hands and of flexible objects with the objects in the slots.
   template <typename Visit>
-  void for_each_contacts(Visit&& visit) const;
+  void for_each_contacts(Visit&& visit) const {
+    for (const auto& hand : hands_)
+      if (hand->contacts() != nullptr) visit(*hand->contacts());
+    if (soft_ && soft_->contacts() != nullptr) visit(*soft_->contacts());
+  }
+  /// Contact of each hand's skin with itself, and between hands and flexible objects.
   template <typename Visit>
-  void for_each_skin(Visit&& visit) const;
+  void for_each_skin(Visit&& visit) const {
+    for (const auto& hand : hands_)
+      if (hand->skin() != nullptr) visit(*hand->skin());
+    if (between_ != nullptr) visit(*between_);
+  }
   bool prepare(Linkage& linkage) const;
   bool guess(const Linkage& linkage, double time_step, State& state);
   bool has_joint(int slot) const;
@@ -252,7 +262,6 @@ class HandSimulation {
   void take_objects(const HandSimulation& other);
   void collect_bone_contacts();
   void enter_step(const StepReport& report);
-  void limit_node_velocities();
   void untangle(const StepReport& report, double time_step);
 
   std::vector<std::unique_ptr<SimulatedHand>> hands_;
