@@ -334,7 +334,7 @@ std::vector<Case> shape_cases() {
       {"40 mm inside a block of 80 mm, cells 2 mm",
        [] { return grid_deep_start(2e-3); },
        {Class::violated,
-        "the exit is the contact's: the analytic block has 0.996 m/s. Why the grid adds a fifth is not known"},
+        "the exit is the contact's: the analytic block has 0.996 m/s. Why the grid adds a quarter is not known"},
        true});
   rows = &cases.add("shell_crossing", "finger and wall meet fast: the finger never ends behind the wall");
   const auto crossings = [rows](const char* name, const std::function<Wall()>& wall) {
