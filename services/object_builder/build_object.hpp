@@ -57,8 +57,8 @@ ObjectSource load_description(const std::string& path);
 
 /// Reads the meshes, unites those of each link, and rounds them as the object file does. They must be closed and
 /// outward, have no self-intersections, and have walls of at least two cells on 98 % of the surface. Then mass
-/// properties and convex pieces are computed. A flexible object gets tetrahedra instead, by the mesher of the hand (hand_builder/mesher.hpp), and no
-/// report. Throws std::runtime_error with file or link, and what was expected.
+/// properties and convex pieces are computed. A flexible object gets tetrahedra instead, by the mesher of the hand
+/// (hand_builder/mesher.hpp), and no report. Throws std::runtime_error with file or link, and what was expected.
 ObjectModel build_object(const ObjectSource& source, std::vector<LinkReport>& reports);
 
 }  // namespace softhand::builder
