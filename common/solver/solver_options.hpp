@@ -53,7 +53,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
       "work_budget", o.work_budget, "fast steps", {0, 1e6},
       "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). No iteration starts "
       "that would exceed the budget, except the first. 0: unlimited; `softhand-hand` then uses the work that its live "
-      "steps do in 0.6 of its period, but at least 1.5.");
+      "steps do in 0.6 of its period, but at least 1.5, or 4 with flexible objects.");
   v.number(
       "chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
       "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "

@@ -111,7 +111,7 @@ void run(int argc, char** argv) {
                                : measure_fast_step(models, options, scene.soft_objects, budget_seconds, seconds_now);
   double& work_budget = options.simulation.solver.work_budget;
   const bool learns_budget = work_budget == 0;
-  WorkPrice price(fast_step, budget_seconds);
+  WorkPrice price(fast_step, budget_seconds, WorkPrice::least_budget(!scene.soft_objects.empty()));
   if (learns_budget) work_budget = price.budget();
   const int nodes = models.front().node_count();
   log_line("a fast step of {}{} nodes takes {:.2f} ms here; the budget of a step is {:.1f} fast steps at first",

@@ -74,7 +74,7 @@ TEST(HandSize, MeasuresTheMedianPriceOfWorkOnTheGivenClock) {
 TEST(WorkPrice, NineOfTenStepsCostAtMostThePrice) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> cost(1e-3, 3e-3);  // s per fast step
-  WorkPrice price(1e-3, 8e-3);
+  WorkPrice price(1e-3, 8e-3, WorkPrice::least_budget(false));
   EXPECT_NEAR(price.budget(), 8, 1e-12);
   int within = 0, count = 0;
   for (int step = 0; step < 20'000; ++step) {
@@ -87,26 +87,33 @@ TEST(WorkPrice, NineOfTenStepsCostAtMostThePrice) {
 }
 
 TEST(WorkPrice, FollowsASlowMachineWithinAThirdOfASecond) {
-  WorkPrice price(1e-3, 6.7e-3);
+  WorkPrice price(1e-3, 6.7e-3, WorkPrice::least_budget(false));
   int steps = 0;
   for (; price.fast_step() < 1.5e-3; ++steps) price.learn(1.6e-3 * price.budget(), price.budget());
   EXPECT_LT(steps, 90 / 3);
 }
 
 TEST(WorkPrice, ASingleLongPauseHardlyChangesIt) {
-  WorkPrice price(1e-3, 6.7e-3);
+  WorkPrice price(1e-3, 6.7e-3, WorkPrice::least_budget(false));
   price.learn(2, price.budget());
   EXPECT_LT(price.fast_step(), 1.02e-3);
 }
 
 TEST(WorkPrice, SmallStepsTeachNothing) {
-  WorkPrice price(1e-3, 6.7e-3);
+  WorkPrice price(1e-3, 6.7e-3, WorkPrice::least_budget(false));
   for (int step = 0; step < 100; ++step) price.learn(1e-2, 0.4 * price.budget());
   EXPECT_EQ(price.fast_step(), 1e-3);
 }
 
+TEST(WorkPrice, KeepsALargerBudgetWithFlexibleObjects) {
+  const double least = WorkPrice::least_budget(true);
+  EXPECT_GT(least, 2 * WorkPrice::least_budget(false));
+  WorkPrice price(1, 6.7e-3, least);
+  EXPECT_NEAR(price.budget(), least, 1e-12);
+}
+
 TEST(WorkPrice, KeepsABudgetWithWhichAStepCanReuseAFactor) {
-  WorkPrice price(1, 6.7e-3);
+  WorkPrice price(1, 6.7e-3, WorkPrice::least_budget(false));
   EXPECT_NEAR(price.budget(), 1.5, 1e-12);
   for (int step = 0; step < 1000; ++step) price.learn(1, price.budget());
   EXPECT_NEAR(price.budget(), 1.5, 1e-12);
