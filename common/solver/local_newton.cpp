@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "math/rotation.hpp"
 #include "solver/slope_bracket.hpp"
@@ -26,12 +25,7 @@ constexpr double kDenseEntry = 20;
 // The same for an evaluation of the terms with kinks, per block that moves.
 constexpr double kBlockOperations = 12'000;
 // The factor of the dense matrix serves again if the part with kinks has changed by less than this fraction.
-constexpr double kSmallChange = 0.001;
-// But not after an iteration that left more than this fraction of the residual, because there are few iterations.
-constexpr double kSlow = 0.1;
-// Nor is the problem solved after such an iteration if something moved by more (m, rad). Where tissue is much softer
-// than contact, a small residual force can be a long way.
-constexpr double kSmallStep = 1e-4;
+constexpr double kSmallChange = 0.02;
 // Blocks of terms with kinks with which the factor can serve again. A power grasp has 700.
 constexpr std::size_t kMaxFactored = 4096;
 // A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
@@ -653,21 +647,16 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
     }
   };
   Condensed result = touch();
-  double first_residual = 0, last_residual = std::numeric_limits<double>::infinity();
-  bool converged = false, is_new = true;
-  double moved = 0;
+  double first_residual = 0;
   for (int iteration = 0; result == Condensed::found && iteration < kMaxLocalIterations; ++iteration) {
     auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
     local_gradient = smooth_slope_.head(size_);
     add_kinked_gradient(local_gradient);
     const double residual = local_gradient.lpNorm<Eigen::Infinity>();
     if (iteration == 0) first_residual = residual;
-    converged = residual <= std::max(kConverged * first_residual, tolerance);
-    if (converged && (is_new || moved <= kSmallStep)) break;
+    if (residual <= std::max(kConverged * first_residual, tolerance)) break;
     condensed_operations_ += kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
-    if (residual > kSlow * last_residual) forget_factor();
-    is_new = !serves_again(hessian);
-    last_residual = residual;
+    const bool is_new = !serves_again(hessian);
     if (is_new) factorise_condensed(hessian, kept, compliance);
     step = -local_gradient;
     if (has_dense_factor_) dense_.solve(step);
@@ -677,17 +666,15 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
     }
     multiply_smooth(hessian, kept, compliance, step_, smooth_change_);
     if (!search(state, kinked, energy)) {
-      if (is_new || converged) break;
+      if (is_new) break;
       forget_factor();
       move_to(state, total_.head(size_));
       energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
       continue;
     }
-    moved = step.lpNorm<Eigen::Infinity>();
     find_forces(hessian, kept);
     result = touch();
   }
-  if (!converged) forget_factor();
   hessian.take_back();
   if (result != Condensed::found) return result;
   find_forces(hessian, kept);
