@@ -75,7 +75,7 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.integer("times", o.times, "1", {1, 100}, "Number of swings with `closes`.");
   v.number("skin_penetration", o.skin.penetration, "m", {0, 0.1},
            "With `hand.simulation.skin_contact` or `one_process`, a run of `softhand simulate` must pass two checks. "
-           "95 % of the points of the skin that touch skin are at most this deep in it. No finger passes another one, "
+           "Of the points of the skin that touch skin, 95 % are at most this deep in it. No finger passes another one, "
            "and no bone of a hand passes one of the other hand. 0 = not asked for.");
   v.number(
       "skin_friction", o.skin.friction, "1", {0, 1},
@@ -90,12 +90,12 @@ inline void describe(OptionVisitor& v, JudgeOptions& o) {
   v.number("soft_lifted", o.soft.lifted, "m", {0, 10},
            "The same if its centre of mass rises by this much. 0 = not asked for.");
   v.number("soft_recovers", o.soft.recovers, "1", {0, 1},
-           "The same if its least and greatest width end within this fraction of the first ones, and the hand has let "
-           "go of it. 0 = not asked for.");
+           "The same if its least and greatest width end within this fraction of the first ones. The hand must have "
+           "let go of it. 0 = not asked for.");
   v.flag("skin_parts", o.skin.parts, "The same if no skin touches skin at the end.");
   v.number("hands_weight", o.hands.weight, "1", {0, 1},
-           "With two `hands`, a run of `softhand simulate` succeeds only if their upward forces on the lifted object "
-           "sum to its weight, within this fraction. 0 = not asked for.");
+           "With two `hands`, a run of `softhand simulate` succeeds only if both carry the lifted object. Their upward "
+           "forces on it must sum to its weight, within this fraction. 0 = not asked for.");
   v.number("hands_share", o.hands.share, "1", {0, 1},
            "The same if the share of the first hand is that of the lever arms, within this much. 0 = not asked for.");
   v.number("handed_slip", o.hands.handed_slip, "m", {0, 1},

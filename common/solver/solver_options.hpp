@@ -52,14 +52,14 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
   v.number(
       "work_budget", o.work_budget, "fast steps", {0, 1e6},
       "Work of a step, in fast steps of this hand (one evaluation, factorisation and solve). No iteration starts "
-      "that would exceed the budget, except the first. 0: unlimited; `softhand-hand` then uses the work that its live "
-      "steps do in 0.6 of its period, but at least 1.5, or 4 with flexible objects.");
-  v.number(
-      "chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
-      "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
-      "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
-      "mean square), and none of them by more than seven times this. The remaining error is a fraction of this. 0: "
-      "never.");
+      "that would exceed the budget, except the first. 0: unlimited. `softhand-hand` then uses the work that its live "
+      "steps do in 0.6 of its period. That is at least 1.5, or 4 with flexible objects.");
+  v.number("chord_tolerance", o.chord_tolerance, "m", {0, 1e-2},
+           "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
+           "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
+           "mean square). None of them may move by more than seven times this. The remaining error is a fraction of "
+           "this. 0: "
+           "never.");
   v.flag("line_search", o.line_search,
          "Search along each iteration's direction, on the energy. Without it, steps of one or two iterations throw "
          "gripped objects.");

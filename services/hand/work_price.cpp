@@ -8,8 +8,8 @@ namespace {
 // Fast steps. A step that makes a factor takes about as much, whatever its budget is. With a smaller budget no step
 // converges with a reused factor. That costs less, but only if there is work left for a second iteration.
 constexpr double kLeastBudget = 1.5;
-// The same with flexible objects, for another reason. If late steps end after one iteration, the hand tangles with a
-// soft object that it lets go, and both stay tangled. A late step does less harm.
+// The same with flexible objects. Late steps that end after one iteration press a soft ball with up to eight times the
+// force. A step that is late by more does less harm.
 constexpr double kLeastSoftBudget = 4;
 constexpr double kLargeStep = 0.5;  // in budgets
 // The price rises after a step that cost more, and falls after one that cost less. The two rates are in balance if one

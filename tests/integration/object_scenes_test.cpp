@@ -95,10 +95,9 @@ TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
   played_soft("sponge", {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
 }
 
-// A hand on a busy machine: it skips up to three steps after each step, so the budget is at its least. With a budget of
-// 1.5 fast steps, as without flexible objects, the hand tangled with the ball and stayed so: 1,717 inverted elements
-// and 3,485 N with the second seed.
-TEST(BudgetedScenes, AFlexibleBallSurvivesLateSteps) {
+// A hand on a busy machine skips up to three steps after each step, and its budget is at its least. With a budget
+// of 1.5 fast steps, as without flexible objects, the third seed gave 26 N.
+TEST(BudgetedScenes, LateStepsPressASoftBallWithNoMoreForce) {
   struct Busy : RigWitness {
     explicit Busy(unsigned seed) : random(seed) {}
     bool runs(RigLoop loop, Nanoseconds) override {
@@ -126,8 +125,10 @@ TEST(BudgetedScenes, AFlexibleBallSurvivesLateSteps) {
     rig.run(5,
             [&](const HandStepView&) { inverted = std::max(inverted, rig.hand(0).simulation().inverted_elements()); });
     EXPECT_EQ(inverted, 0) << "seed " << seed;
-    EXPECT_LT(rig.outcome().summary(outcome_frame(scene, VirtualRig::kStart))["finger_force_max_n"].get<double>(), 10)
-        << "seed " << seed;
+    const auto summary = rig.outcome().summary(outcome_frame(scene, VirtualRig::kStart));
+    const auto force = summary["finger_force_max_n"].get<double>();
+    std::printf("seed %u: %.1f N\n", seed, force);
+    EXPECT_LT(force, 10) << "seed " << seed;
   }
 }
 
