@@ -1,4 +1,5 @@
 // Several trackers of one hand as processes: the strongest healthy one owns it, and `softhand trackers` switches.
+#include <array>
 #include <cstdio>
 #include <optional>
 
@@ -38,11 +39,14 @@ class Trackers : public ::testing::Test {
     return listener_.until([&] { listener_.hands[1].source = 99; },
                            [&] {
                              const std::uint32_t heard = listener_.hands[1].source;
+                             const double health = listener_.counter("health");
+                             weak_was_well_ = weak_was_well_ && health == static_cast<double>(Health::live);
                              if (heard != 99) alone = heard == source ? alone + 1 : 0;
                              return alone >= 20;
                            });
   }
   testing::TrackerListener listener_;
+  bool weak_was_well_ = true;  // by each status that owner() read, once listener_.module is "weak"
 };
 
 TEST_F(Trackers, AreListedAndSwitchedByHand) {
@@ -68,22 +72,35 @@ TEST_F(Trackers, AreListedAndSwitchedByHand) {
 }
 
 // The stronger tracker is in doubt for a second, and later silent for a second. Then the weaker one owns the hand until
-// the other has been healthy for a second.
+// the other has been healthy for a second. A stall of the machine degrades the weaker one too, and then strength
+// decides: such an attempt shows nothing and is made again.
 TEST_F(Trackers, AHealthyTrackerOwnsBeforeAStrongerOneThatIsNot) {
   const testing::Process weak("softhand-tracker-replay", arguments("weak", "1", "1"), false);
   ASSERT_TRUE(owner(1));
-  const testing::Process strong(
-      "softhand-tracker-replay",
-      arguments("strong", "5", "2",
-                {"tracker.doubt_at=1", "tracker.doubt_time=1", "tracker.freeze_at=4", "tracker.freeze_time=1"}),
-      false);
-  for (int i = 0; i < 2; ++i) {
-    ASSERT_TRUE(owner(2)) << i;
-    ASSERT_TRUE(owner(1)) << i;
-    const Nanoseconds since = now();
-    ASSERT_TRUE(owner(2)) << i;
-    EXPECT_GT(now() - since, 1'000'000'000) << i;
+  listener_.module = "weak";
+  ASSERT_TRUE(listener_.until_health(Health::live));
+  bool is_shown = false;
+  for (int attempt = 0; attempt < 5 && !is_shown; ++attempt) {
+    const testing::Process strong(
+        "softhand-tracker-replay",
+        arguments("strong", "5", "2",
+                  {"tracker.doubt_at=1", "tracker.doubt_time=1", "tracker.freeze_at=4", "tracker.freeze_time=1"}),
+        false);
+    weak_was_well_ = true;
+    std::array<Nanoseconds, 2> owned{};  // by the weaker one, from doubt and from silence
+    for (Nanoseconds& time : owned) {
+      ASSERT_TRUE(owner(2)) << attempt;
+      ASSERT_TRUE(owner(1)) << attempt;
+      const Nanoseconds since = now();
+      ASSERT_TRUE(owner(2)) << attempt;
+      time = now() - since;
+    }
+    is_shown = weak_was_well_;
+    if (!is_shown) continue;
+    EXPECT_GT(owned[0], 1'000'000'000);
+    EXPECT_GT(owned[1], 1'000'000'000);
   }
+  EXPECT_TRUE(is_shown) << "the machine stalled in every attempt";
 }
 
 }  // namespace
