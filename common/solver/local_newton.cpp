@@ -433,7 +433,10 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
     const bool moves = known > 0;
     if (moves) {
       product_ = half_;
-      compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(known)), product_);
+      const auto from = 3 * static_cast<Eigen::Index>(known),
+                 end = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
+      forces_.segment(from, end - from).setZero();
+      compliance.add_forces(forces_.head(end), product_);
     }
     for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
       include(compliance.blocks()[k], static_cast<std::int32_t>(k));
@@ -601,6 +604,7 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
       if (included != Condensed::found || (before == blocks_.size() && is_condensed)) return included;
       hessian.take_back();
       condense(hessian, kept, compliance);
+      find_forces(hessian, kept);
       move_to(state, total_.head(size_));
       energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
     }
@@ -630,7 +634,6 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
   }
   hessian.take_back();
   if (result != Condensed::found) return result;
-  find_forces(hessian, kept);
   compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(compliance.blocks().size())), half_);
   factor.backward(half_, direction);
   for (std::size_t i = 0; i < blocks_.size(); ++i)
