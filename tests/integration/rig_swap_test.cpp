@@ -135,7 +135,6 @@ TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
   ASSERT_GT(listener.objects[kCube][1], 0.14) << "the cube was not lifted: this test shows nothing";
 
   // Waits for the owner. Measures how far the cube moves from where it was 0.2 s before the swap, until 1 s after it.
-  int swaps = 0;
   const auto swap = [&](const char* way, std::uint32_t to, const std::function<void()>& cause) {
     std::deque<std::pair<Nanoseconds, Vec3>> path;
     const auto follow = [&] {
@@ -160,7 +159,6 @@ TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
                 static_cast<unsigned long long>(missed_here));
     EXPECT_LT(farthest, 5e-3) << way;
     EXPECT_GT(listener.objects[kCube][1], 0.14) << way << ": dropped";
-    swaps += owner() == to ? 1 : 0;
   };
   for (const auto& [module, to] : {std::pair("tracker", kOther), std::pair("strong", kStrong)}) {
     std::optional<Program> command;
@@ -177,7 +175,6 @@ TEST_F(Rig, HeldCubeSurvivesEverySwapOfTrackers) {
     swap(way, kOther, [&, number = signal] { strong->send_signal(number); });
     swap(way, kStrong, [&] { start_strong("50", {"tracker.start_time=20"}); });
   }
-  EXPECT_EQ(swaps, 10);
 }
 
 }  // namespace
