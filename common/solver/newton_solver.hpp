@@ -70,6 +70,7 @@ class NewtonSolver {
   void set_work_budget(double work_budget) {
     options_.work_budget = work_budget;
     policy_.set_work_budget(work_budget);
+    predictor_.set_work_budget(work_budget);
   }
 
   /// Call between steps. Takes over the factor of `other` and all else that a step hands to the next, so that both

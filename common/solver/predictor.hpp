@@ -39,6 +39,7 @@ class Predictor {
     VectorX gradient, earlier_gradient;
     double gradient_time_step = 0;  ///< of `gradient`, s; 0: it is not usable in the next step
   };
+  void set_work_budget(double work_budget) { work_budget_ = work_budget; }
   /// Call before an ordinary step. The next chord step extrapolates no forces, and reuses no factor unless
   /// `keep_factor` follows.
   void begin_ordinary_step() { carried_.factor_time_step = carried_.gradient_time_step = 0; }

@@ -80,6 +80,23 @@ TEST(HandSimulation, HandInTheAirReusesItsFactorWithTheSameResult) {
   EXPECT_LE(std::sqrt(difference / total), 0.01);
 }
 
+// Chord steps keep the new budget too.
+TEST(HandSimulation, ASmallerBudgetCutsStepsInTheAir) {
+  SimulationOptions o = options();
+  o.solver.work_budget = 8;
+  HandSimulation changed(hand(), o, 1, 0);
+  o.solver.work_budget = 0.3;
+  HandSimulation small(hand(), o, 1, 0);
+  changed.set_work_budget(0.3);
+  for (int i = 0; i < 30; ++i) {
+    for (HandSimulation* const simulation : {&changed, &small}) {
+      set_rest_targets(*simulation, {Vector3(0.05 * std::sin(0.1 * i), 0, 0), Quaternion::Identity()});
+      simulation->step(kStep);
+    }
+    ASSERT_EQ((changed.state().node_positions - small.state().node_positions).cwiseAbs().maxCoeff(), 0) << i;
+  }
+}
+
 // `take_state` also takes over the factor, the forces and everything else that chord steps reuse.
 TEST(HandSimulation, CopyInTheAirContinuesLikeTheOriginal) {
   HandSimulation one(hand(), options(), 1, 0), two(hand(), options(), 1, 0);
