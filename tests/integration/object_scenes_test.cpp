@@ -10,6 +10,8 @@
 #include "cli/soft_outcome.hpp"
 #include "cli/virtual_rig.hpp"
 #include "hand/work_price.hpp"
+#include "messages/plain_bytes.hpp"
+#include "support/tracker_sink.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
 namespace softhand::object_scenes_test {
@@ -93,6 +95,57 @@ nlohmann::ordered_json played_soft(const char* name, const std::vector<std::stri
 
 TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
   played_soft("sponge", {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
+}
+
+// A loop that loads a saved state goes on with the same bits as the one that saved it. Steps of a grasp are late and
+// cut off, and touch new nodes in the middle of a solve. Forces of an earlier solve once moved the nodes at step 134.
+TEST(BudgetedScenes, ALoadedStateRepeatsALateGrasp) {
+  const Scene scene = read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/power_grasp.toml",
+                                 {"hand.model=right_400.hand.json", "hand.simulation.solver.work_budget=1"});
+  const HandModel hand = load_scene_hand(scene);
+  WorldLoop world(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints);
+  const auto make_loop = [&] {
+    return std::make_unique<HandLoop>(hand, scene.options.hand, hand_key(scene), object_spring(scene.options.world));
+  };
+  ReplayTracker tracker(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene));
+  testing::TrackerSamples samples;
+  std::unique_ptr<HandLoop> one = make_loop(), two = make_loop();
+  for (HandLoop* const loop : {one.get(), two.get()})
+    for (const ObjectDescription& description : world.descriptions()) loop->describe_object(description);
+  std::vector<std::byte> memory(1'000'000), other(1'000'000);
+  const auto saved = [](const HandLoop& loop, std::vector<std::byte>& bytes) {
+    ByteWriter out(bytes);
+    loop.save(out);
+    EXPECT_FALSE(out.overflowed());
+    return out.written();
+  };
+  std::mt19937 random(1);
+  constexpr Nanoseconds kMillisecond = 1'000'000;
+  Nanoseconds next = VirtualRig::kStart;
+  int steps = 0, touching = 0;
+  for (Nanoseconds now = VirtualRig::kStart; now < VirtualRig::kStart + 4'000 * kMillisecond; now += kMillisecond) {
+    tracker.poll(now, samples);
+    world.step(now, {{&one->output().coupling, 1}});
+    if (now < next || samples.count == 0) continue;
+    next = now + 11 * kMillisecond * static_cast<Nanoseconds>(1 + random() % 3);
+    const WorldObjects objects = world.objects();
+    HandInput input;
+    input.skeleton = &samples.hands[hand.side == Side::right ? 1 : 0];
+    input.world = &objects;
+    one->step(now, input, {});
+    two->step(now, input, {});
+    ++steps;
+    touching += one->simulation().contact_count() > 0 ? 1 : 0;
+    const auto bytes = saved(*one, memory), repeated = saved(*two, other);
+    ASSERT_TRUE(std::ranges::equal(bytes, repeated)) << "step " << steps;
+    if (steps % 5 != 0) continue;
+    two = make_loop();
+    ByteReader in(bytes);
+    two->load(in);
+    one->forget();
+  }
+  std::printf("  %d steps, %d with contact\n", steps, touching);
+  EXPECT_GT(touching, 50);
 }
 
 // A hand on a busy machine skips up to three steps after each step, and its budget is at its least. With a budget
