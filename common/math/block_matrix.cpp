@@ -44,9 +44,11 @@ BlockMatrix::BlockMatrix(const BlockPattern& pattern) {
   border_count_ = pattern.border_count();
   column_start_.assign(static_cast<std::size_t>(pattern.block_count() - border_count_) + 1, 0);
   row_.reserve(pairs.size());
+  column_.reserve(pairs.size());
   for (const auto& [column, row] : pairs) {
     ++column_start_[static_cast<std::size_t>(column) + 1];
     row_.push_back(row);
+    column_.push_back(column);
   }
   for (std::size_t c = 1; c < column_start_.size(); ++c) column_start_[c] += column_start_[c - 1];
   // Row by row of the border: all blocks of the core, then those of the border up to the diagonal.
@@ -131,11 +133,7 @@ void BlockMatrix::clear_loose() {
   loose_in_use_.clear();
 }
 
-std::pair<std::int32_t, std::int32_t> BlockMatrix::position(std::int32_t stored) const {
-  if (stored < core_blocks()) {
-    const auto next = std::upper_bound(column_start_.begin(), column_start_.end(), stored);
-    return {row_[static_cast<std::size_t>(stored)], static_cast<std::int32_t>(next - column_start_.begin()) - 1};
-  }
+std::pair<std::int32_t, std::int32_t> BlockMatrix::position_outside_core(std::int32_t stored) const {
   if (stored >= first_loose_) return loose_[static_cast<std::size_t>(stored - first_loose_)];
   std::int32_t column = stored - core_blocks(), row = core_count();
   while (column > row) column -= ++row;

@@ -66,7 +66,10 @@ class BlockMatrix {
   std::span<const std::int32_t> column_start() const { return column_start_; }
   std::span<const std::int32_t> row() const { return row_; }
   /// Row and column of a stored block, row >= column.
-  std::pair<std::int32_t, std::int32_t> position(std::int32_t stored) const;
+  std::pair<std::int32_t, std::int32_t> position(std::int32_t stored) const {
+    const auto block = static_cast<std::size_t>(stored);
+    return is_core(stored) ? std::pair(row_[block], column_[block]) : position_outside_core(stored);
+  }
   /// The stored blocks of the border that `add` changed since `set_zero`, in the order of their first use.
   std::span<const std::int32_t> border_in_use() const { return in_use_; }
   /// The stored loose blocks, in the order of their first use since `set_zero` or `take_back`.
@@ -100,10 +103,13 @@ class BlockMatrix {
   void begin_journal();
   /// Indices of the stored blocks that `add` changed since then.
   std::span<const std::int32_t> journal() const { return journal_; }
+  /// The k-th block of the journal without what was added.
+  Eigen::Map<const Matrix3> previous(std::size_t k) const {
+    return Eigen::Map<const Matrix3>(before_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+  }
   /// What was added to the k-th block of the journal.
   Matrix3 added(std::size_t k) const {
-    return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k])) -
-           Eigen::Map<const Matrix3>(before_.data() + 9 * static_cast<std::ptrdiff_t>(k));
+    return Eigen::Map<const Matrix3>(values_.data() + 9 * static_cast<std::ptrdiff_t>(journal_[k])) - previous(k);
   }
   /// Restores the previous values of these blocks, equal to the bit, and starts a new journal. Loose blocks end: they
   /// must have been added since `begin_journal`.
@@ -119,7 +125,7 @@ class BlockMatrix {
 
  private:
   std::vector<std::int32_t> column_start_{0};
-  std::vector<std::int32_t> row_;
+  std::vector<std::int32_t> row_, column_;  // per stored block of the core
   std::vector<double> values_;
   int border_count_ = 0;
   std::vector<std::int32_t> in_use_;
@@ -130,6 +136,7 @@ class BlockMatrix {
   std::vector<std::int32_t> loose_table_;  // hash table of the loose blocks in use, open addressing; -1: empty
 
   std::int32_t find_core(int row, int column) const;
+  std::pair<std::int32_t, std::int32_t> position_outside_core(std::int32_t stored) const;
   std::size_t loose_place(std::int32_t row, std::int32_t column) const;
   void clear_loose();
   void use(std::int32_t block) {

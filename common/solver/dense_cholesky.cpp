@@ -4,8 +4,6 @@
 #include <cstdlib>
 #include <new>
 
-#include "math/types.hpp"
-
 namespace softhand {
 
 void DenseCholesky::Free::operator()(double* memory) const { std::free(memory); }
@@ -31,8 +29,23 @@ DenseCholesky::DenseCholesky(int most_blocks, InstructionSet set) : kernel_(chol
   scratch_ = make_buffer(rows * kCholeskyTile);
 }
 
-bool DenseCholesky::factorize(const Dense& matrix, Eigen::Index size) {
-  const auto count = static_cast<std::int32_t>(size);
+void DenseCholesky::assign(const Dense& first, Eigen::Index first_size, const Dense& second, Eigen::Index second_size) {
+  size_ = first_size + second_size;
+  double* value = values_.data();
+  const auto write = [&](const Dense& matrix, Eigen::Index row) {
+    for (Eigen::Index column = 0; column <= row; column += 3, value += 9)
+      Eigen::Map<Matrix3>{value} = matrix.block<3, 3>(row, column);
+  };
+  for (Eigen::Index row = 0; row < first_size; row += 3) write(first, row);
+  for (Eigen::Index row = 0; row < second_size; row += 3) {
+    std::fill_n(value, 3 * first_size, 0.0);
+    value += 3 * first_size;
+    write(second, row);
+  }
+}
+
+bool DenseCholesky::factorize() {
+  const auto count = static_cast<std::int32_t>(size_);
   if (front_.pivots != count) {
     front_.pivots = count;
     front_.pivot_tiles = (count + kCholeskyTile - 1) / kCholeskyTile;
@@ -45,11 +58,6 @@ bool DenseCholesky::factorize(const Dense& matrix, Eigen::Index size) {
       }
     }
     front_.entry_end = next;
-  }
-  double* value = values_.data();
-  for (Eigen::Index row = 0; row < size; row += 3) {
-    for (Eigen::Index column = 0; column <= row; column += 3, value += 9)
-      Eigen::Map<Matrix3>{value} = matrix.block<3, 3>(row, column);
   }
   return kernel_.factorize(plan(), 0, 1, values_.data(), panel_.get(), update_.get(), inverse_diagonal_.get());
 }

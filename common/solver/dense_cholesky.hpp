@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "math/instruction_set.hpp"
+#include "math/types.hpp"
 #include "solver/block_cholesky_kernel.hpp"
 
 namespace softhand {
@@ -19,10 +20,17 @@ class DenseCholesky {
   /// No other method allocates.
   explicit DenseCholesky(int most_blocks, InstructionSet set = widest_instruction_set());
 
-  /// Factorises the first `size` rows and columns of a symmetric matrix, of which it reads the lower triangle. `size`
-  /// is a multiple of three. Returns false if the matrix is not positive definite.
-  bool factorize(const Dense& matrix, Eigen::Index size);
-  /// x := A^-1 x. The size of `x` is that of the matrix.
+  /// A := the block diagonal matrix of the first `first_size` rows and columns of `first` and the first `second_size`
+  /// of `second`. Both are symmetric. It reads their lower triangles. The sizes are multiples of three. The factor
+  /// stays as it is.
+  void assign(const Dense& first, Eigen::Index first_size, const Dense& second, Eigen::Index second_size);
+  /// Adds to the block of A at a row and a column of blocks, row >= column.
+  void add(Eigen::Index row, Eigen::Index column, const Matrix3& block) {
+    Eigen::Map<Matrix3>(values_.data() + 9 * (row * (row + 1) / 2 + column)) += block;
+  }
+  /// Factorises A. Returns false if it is not positive definite.
+  bool factorize();
+  /// x := A^-1 x with the last factor. The size of `x` is that of the factor.
   void solve(Eigen::Ref<Eigen::VectorXd> x);
   /// Floating-point operations of the last factorisation.
   double operations() const;
@@ -33,7 +41,8 @@ class DenseCholesky {
   CholeskyKernel<double> kernel_;
   CholeskyFront front_;
   std::vector<CholeskyEntry> entries_;
-  std::vector<double> values_;  // lower triangle by block rows, nine per block
+  Eigen::Index size_ = 0;
+  std::vector<double> values_;  // of A: lower triangle by block rows, nine per block
   struct Free {
     void operator()(double* memory) const;
   };

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "math/rotation.hpp"
 #include "solver/slope_bracket.hpp"
@@ -16,9 +17,7 @@ constexpr double kMostOperations = 2;
 constexpr double kLocalArmijo = 1e-4;
 constexpr double kSmallMove = 1e-6;  // m and rad; it changes contact forces by 12 mN
 
-// Residual (N, N m) at which the condensed problem is solved, and as a fraction of the first residual. The tissue's
-// nonlinearity leaves more.
-constexpr double kSmallForce = 1e-5;
+// Fraction of the first residual at which the condensed problem is solved. The tissue's nonlinearity leaves more.
 constexpr double kConverged = 1e-2;
 // Time of an operation of the dense factorisation, in operations of a sparse factorisation in float. And of all else
 // that an iteration does with an entry of the dense matrix.
@@ -26,6 +25,15 @@ constexpr double kDenseOperation = 0.6;
 constexpr double kDenseEntry = 20;
 // The same for an evaluation of the terms with kinks, per block that moves.
 constexpr double kBlockOperations = 12'000;
+// The factor of the dense matrix serves again if the part with kinks has changed by less than this fraction.
+constexpr double kSmallChange = 0.001;
+// But not after an iteration that left more than this fraction of the residual, because there are few iterations.
+constexpr double kSlow = 0.1;
+// Nor is the problem solved after such an iteration if something moved by more (m, rad). Where tissue is much softer
+// than contact, a small residual force can be a long way.
+constexpr double kSmallStep = 1e-4;
+// Blocks of terms with kinks with which the factor can serve again. A power grasp has 700.
+constexpr std::size_t kMaxFactored = 4096;
 // A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
 constexpr double kMostCompliance = 2.5;
 constexpr double kPairOperations = 15'000;
@@ -63,8 +71,9 @@ LocalNewton::LocalNewton(DofLayout layout)
       kinked_gradient_(layout.dof_count()) {
   blocks_.reserve(static_cast<std::size_t>(layout.block_count()));
   patches_.reserve(kMaxBlocks + 1);
+  factored_blocks_.reserve(blocks_.capacity());
+  factored_.reserve(kMaxFactored);
   added_.reserve(static_cast<std::size_t>(layout.block_count()));
-  compliance_place_.reserve(static_cast<std::size_t>(layout.block_count()));
   trial_ = empty_state(layout);
 }
 
@@ -382,24 +391,29 @@ LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* 
   return result;
 }
 
+// Adds a block of the border to those that move, in front of the blocks of the core.
+void LocalNewton::include_border(std::int32_t block) {
+  const auto begin = 3 * static_cast<Eigen::Index>(border_), end = 3 * static_cast<Eigen::Index>(blocks_.size());
+  std::copy_backward(total_.data() + begin, total_.data() + end, total_.data() + end + 3);
+  total_.segment<3>(begin).setZero();
+  blocks_.insert(blocks_.begin() + border_, block);
+  ++border_;
+  for (std::size_t i = static_cast<std::size_t>(border_) - 1; i < blocks_.size(); ++i)
+    place_[static_cast<std::size_t>(blocks_[i])] = static_cast<std::int32_t>(i);
+}
+
 // Adds the blocks in the journal to those that move, and blocks of the border that are coupled with them. `half_` is
 // half of the free solve.
 LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, BorderedSolver& factor,
                                                     std::span<const KeptBlock> kept, Compliance& compliance) {
   const std::int32_t core = hessian.core_count();
   added_.clear();
-  const auto include = [this](std::int32_t block, std::int32_t compliance_place) {
-    place_[static_cast<std::size_t>(block)] = static_cast<std::int32_t>(blocks_.size());
-    blocks_.push_back(block);
-    compliance_place_.push_back(compliance_place);
-    total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3).setZero();
-  };
   bool is_full = false;
   const auto touch = [&](std::int32_t block) {
     if (place_[static_cast<std::size_t>(block)] >= 0) return;
     if (block >= core) {
       is_full |= blocks_.size() == static_cast<std::size_t>(kMaxCondensedBlocks);
-      if (!is_full) include(block, -1);
+      if (!is_full) include_border(block);
     } else if (!compliance.has(block) && std::find(added_.begin(), added_.end(), block) == added_.end()) {
       added_.push_back(block);
     }
@@ -409,7 +423,9 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
     touch(column);
     touch(row);
   };
-  for (const KeptBlock& block : kept) touch_both(block.stored);
+  if (blocks_.empty()) {
+    for (const KeptBlock& block : kept) touch_both(block.stored);
+  }
   for (const std::int32_t stored : hessian.journal()) touch_both(stored);
   for (std::size_t before = 0; before != blocks_.size();) {
     before = blocks_.size();
@@ -422,28 +438,27 @@ LocalNewton::Condensed LocalNewton::include_touched(const BlockMatrix& hessian, 
   }
   // Neighbours are in one pass over the factor.
   std::sort(added_.begin(), added_.end());
-  const std::size_t known = first_new_, room = static_cast<std::size_t>(kMaxCondensedBlocks);
+  const auto border = static_cast<std::size_t>(border_), known = blocks_.size() - border;
   if (is_full || added_.size() > compliance.room() ||
-      blocks_.size() + compliance.blocks().size() + added_.size() - known > room) {
+      border + compliance.blocks().size() + added_.size() > static_cast<std::size_t>(kMaxCondensedBlocks)) {
     return Condensed::no_room;
   }
   if (!compliance.include(added_, factor.core())) return Condensed::not_positive;
-  if (known < compliance.blocks().size()) {
-    // At first no block moves. A block that is added later moves as the forces so far move it.
-    const bool moves = known > 0;
-    if (moves) {
-      product_ = half_;
-      const auto from = 3 * static_cast<Eigen::Index>(known),
-                 end = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
-      forces_.segment(from, end - from).setZero();
-      compliance.add_forces(forces_.head(end), product_);
-    }
-    for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
-      include(compliance.blocks()[k], static_cast<std::int32_t>(k));
-      if (moves)
-        total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size()) - 3) = compliance.displacement(k, product_);
-    }
-    first_new_ = compliance.blocks().size();
+  // At first no block moves. A block that is added later moves as the forces so far move it.
+  const bool moves = known > 0 && known < compliance.blocks().size();
+  if (moves) {
+    product_ = half_;
+    const auto from = 3 * static_cast<Eigen::Index>(known),
+               end = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
+    forces_.segment(from, end - from).setZero();
+    compliance.add_forces(forces_.head(end), product_);
+  }
+  for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
+    const std::int32_t block = compliance.blocks()[k];
+    place_[static_cast<std::size_t>(block)] = static_cast<std::int32_t>(blocks_.size());
+    total_.segment<3>(3 * static_cast<Eigen::Index>(blocks_.size())) =
+        moves ? compliance.displacement(k, product_) : Vector3::Zero().eval();
+    blocks_.push_back(block);
   }
   return Condensed::found;
 }
@@ -453,8 +468,7 @@ template <typename Visit>
 void LocalNewton::for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const {
   for (const KeptBlock& block : kept) {
     const auto [row, column] = hessian.position(block.stored);
-    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
-                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
+    const Eigen::Index j = place_[static_cast<std::size_t>(row)], i = place_[static_cast<std::size_t>(column)];
     visit(j, i, block.value);
     if (i != j) visit(i, j, block.value.transpose());
   }
@@ -465,67 +479,100 @@ void LocalNewton::for_each_kept(const BlockMatrix& hessian, std::span<const Kept
 void LocalNewton::find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept) {
   step_.head(size_) = smooth_slope_.head(size_);
   for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
-    step_.segment<3>(row) += block * total_.segment<3>(column);
+    step_.segment<3>(3 * row) += block * total_.segment<3>(3 * column);
   });
-  for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    if (compliance_place_[i] >= 0)
-      forces_.segment<3>(3 * compliance_place_[i]) = step_.segment<3>(3 * static_cast<Eigen::Index>(i));
-  }
+  const auto border = 3 * static_cast<Eigen::Index>(border_);
+  forces_.head(size_ - border) = step_.segment(border, size_ - border);
 }
 
-// `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. `hessian` is without the terms with kinks.
+// `smooth_` holds the blocks between blocks of the border. The terms with kinks are in the journal of `hessian`.
+void LocalNewton::gather_border(const BlockMatrix& hessian) {
+  smooth_.topLeftCorner(3 * border_, 3 * border_).setZero();
+  const auto write = [&](std::int32_t stored, const auto& block) {
+    const auto [row, column] = hessian.position(stored);
+    if (column < hessian.core_count()) return;
+    const Eigen::Index j = 3 * place_[static_cast<std::size_t>(row)], i = 3 * place_[static_cast<std::size_t>(column)];
+    if (i < 0 || j < 0) return;
+    smooth_.block<3, 3>(j, i) = block;
+    smooth_.block<3, 3>(i, j) = block.transpose();
+  };
+  for (const std::int32_t stored : hessian.border_in_use())
+    write(stored, Eigen::Map<const Matrix3>(hessian.values().data() + 9 * static_cast<std::ptrdiff_t>(stored)));
+  for (std::size_t k = 0; k < hessian.journal().size(); ++k) write(hessian.journal()[k], hessian.previous(k));
+}
+
+// `product` = the Hessian of the condensed model's smooth terms times `move`.
+void LocalNewton::multiply_smooth(const BlockMatrix& hessian, std::span<const KeptBlock> kept,
+                                  const Compliance& compliance, const VectorX& move, VectorX& product) const {
+  const auto border = 3 * static_cast<Eigen::Index>(border_), core = size_ - border;
+  product.head(border).noalias() = smooth_.topLeftCorner(border, border) * move.head(border);
+  product.segment(border, core).noalias() =
+      compliance.stiffness().topLeftCorner(core, core) * move.segment(border, core);
+  for_each_kept(hessian, kept, [&](Eigen::Index row, Eigen::Index column, const auto& block) {
+    product.segment<3>(3 * row) -= block * move.segment<3>(3 * column);
+  });
+}
+
+// `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. The terms with kinks are in the journal of
+// `hessian`.
 void LocalNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance) {
   size_ = 3 * static_cast<Eigen::Index>(blocks_.size());
-  gather(hessian, smooth_);
-  const auto count = 3 * static_cast<Eigen::Index>(compliance.blocks().size());
+  gather_border(hessian);
+  const auto border = 3 * static_cast<Eigen::Index>(border_), core = size_ - border;
+  for (Eigen::Index i = 0; i < border; i += 3)
+    smooth_gradient_.segment<3>(i) = -force_.segment<3>(3 * blocks_[static_cast<std::size_t>(i / 3)]);
   // The displacement of the touched blocks without terms with kinks.
-  for (Eigen::Index k = 0; k < count / 3; ++k)
-    trial_total_.segment<3>(3 * k) = compliance.displacement(static_cast<std::size_t>(k), half_);
-  step_.head(count).noalias() = -compliance.stiffness().topLeftCorner(count, count) * trial_total_.head(count);
-  for (std::size_t i = 0; i < blocks_.size(); ++i) {
-    const Eigen::Index k = 3 * static_cast<Eigen::Index>(compliance_place_[i]);
-    smooth_gradient_.segment<3>(3 * static_cast<Eigen::Index>(i)) =
-        k < 0 ? Vector3(-force_.segment<3>(3 * blocks_[i])) : Vector3(step_.segment<3>(k));
-  }
-  // Blocks that are adjacent here and in the compliance are copied together.
-  const auto for_each_run = [this](auto&& visit) {
-    for (std::size_t begin = 0, end = 0; begin < blocks_.size(); begin = end) {
-      const std::int32_t first = compliance_place_[begin];
-      for (end = begin + 1;
-           first >= 0 && end < blocks_.size() && compliance_place_[end] == compliance_place_[end - 1] + 1;)
-        ++end;
-      if (first >= 0)
-        visit(3 * static_cast<Eigen::Index>(begin), 3 * static_cast<Eigen::Index>(first),
-              3 * static_cast<Eigen::Index>(end - begin));
-    }
-  };
-  for_each_run([&](Eigen::Index row, Eigen::Index k, Eigen::Index rows) {
-    for_each_run([&](Eigen::Index column, Eigen::Index l, Eigen::Index columns) {
-      smooth_.block(row, column, rows, columns) = compliance.stiffness().block(k, l, rows, columns);
-    });
-  });
-  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
-    smooth_.block<3, 3>(row, column) -= block;
-  });
+  for (std::size_t k = 0; k < compliance.blocks().size(); ++k)
+    trial_total_.segment<3>(3 * static_cast<Eigen::Index>(k)) = compliance.displacement(k, half_);
+  smooth_gradient_.segment(border, core).noalias() =
+      -compliance.stiffness().topLeftCorner(core, core) * trial_total_.head(core);
   smooth_slope_.head(size_) = smooth_gradient_.head(size_);
-  smooth_slope_.head(size_).noalias() += smooth_.topLeftCorner(size_, size_) * total_.head(size_);
+  if (total_.head(size_).isZero(0)) return;
+  multiply_smooth(hessian, kept, compliance, total_, smooth_change_);
+  smooth_slope_.head(size_) += smooth_change_.head(size_);
 }
 
-// The lower triangle of the Hessian of the condensed model. The journal of `hessian` holds the terms with kinks.
-void LocalNewton::gather_condensed(const BlockMatrix& hessian) {
-  for (Eigen::Index row = 0; row < size_; row += 3)
-    factor_.block(row, 0, 3, row + 3) = smooth_.block(row, 0, 3, row + 3);
-  for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
-    const auto [row, column] = hessian.position(hessian.journal()[k]);
-    const Eigen::Index j = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(row)]),
-                       i = 3 * static_cast<Eigen::Index>(place_[static_cast<std::size_t>(column)]);
-    const Matrix3 added = hessian.added(k);
-    if (j >= i) {
-      factor_.block<3, 3>(j, i) += added;
-    } else {
-      factor_.block<3, 3>(i, j) += added.transpose();
-    }
+// Whether the factor of the dense matrix serves the terms with kinks in the journal of `hessian`: the same blocks
+// touch each other, and hardly any stiffness has changed. An object's blocks sum all its contacts and would hide the
+// change of one, so they are not compared.
+bool LocalNewton::serves_again(const BlockMatrix& hessian) const {
+  if (!has_dense_factor_ || blocks_ != factored_blocks_ || hessian.journal().size() != factored_.size()) return false;
+  double change = 0, norm = 0;
+  for (std::size_t k = 0; k < factored_.size(); ++k) {
+    const auto& [position, block] = factored_[k];
+    if (hessian.position(hessian.journal()[k]) != position) return false;
+    if (position.first >= hessian.core_count()) continue;
+    change += (hessian.added(k) - block).squaredNorm();
+    norm += block.squaredNorm();
   }
+  return change <= kSmallChange * kSmallChange * norm;
+}
+
+// Factorises the Hessian of the condensed model. The journal of `hessian` holds the terms with kinks. There is no
+// factor if it is not positive definite.
+void LocalNewton::factorise_condensed(const BlockMatrix& hessian, std::span<const KeptBlock> kept,
+                                      const Compliance& compliance) {
+  const auto border = 3 * static_cast<Eigen::Index>(border_);
+  dense_.assign(smooth_, border, compliance.stiffness(), size_ - border);
+  for_each_kept(hessian, kept, [this](Eigen::Index row, Eigen::Index column, const auto& block) {
+    if (row >= column) dense_.add(row, column, -block);
+  });
+  factored_blocks_ = blocks_;
+  factored_.clear();
+  for (std::size_t k = 0; k < hessian.journal().size(); ++k) {
+    const auto position = hessian.position(hessian.journal()[k]);
+    const Matrix3 added = hessian.added(k);
+    const Eigen::Index j = place_[static_cast<std::size_t>(position.first)],
+                       i = place_[static_cast<std::size_t>(position.second)];
+    if (j >= i) {
+      dense_.add(j, i, added);
+    } else {
+      dense_.add(i, j, added.transpose());
+    }
+    if (factored_.size() < kMaxFactored) factored_.push_back({position, added});
+  }
+  has_dense_factor_ = dense_.factorize();
+  if (has_dense_factor_) condensed_operations_ += kDenseOperation * dense_.operations();
 }
 
 // The condensed model's energy of the smooth terms after the blocks have moved by `move`, where its gradient is
@@ -539,15 +586,14 @@ void LocalNewton::add_kinked_gradient(Eigen::Ref<VectorX> gradient) const {
     gradient.segment<3>(3 * static_cast<Eigen::Index>(i)) += kinked_gradient_.segment<3>(3 * blocks_[i]);
 }
 
-// Adds to `total_` as much of `step_` as lowers the model's energy. `local_gradient_` is the gradient at `total_`. It
-// ends at a kink or beyond it, so that the next iteration knows what changes there. Returns false, and changes nothing,
-// if the energy does not fall.
+// Adds to `total_` as much of `step_` as lowers the model's energy. `local_gradient_` is the gradient at `total_`, and
+// `smooth_change_` the change of `smooth_slope_` along the step. The search ends at a kink or beyond it, so that the
+// next iteration knows what changes there. Returns false, and changes nothing, if the energy does not fall.
 bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, double& energy) {
   auto gradient = local_gradient_.head(size_), step = step_.head(size_), total = total_.head(size_),
        trial_total = trial_total_.head(size_), smooth_slope = smooth_slope_.head(size_),
        change = smooth_change_.head(size_);
   const double slope = gradient.dot(step);
-  change.noalias() = smooth_.topLeftCorner(size_, size_) * step;
   double trial_energy = 0, there = 0;
   const auto evaluate = [&](double scale) {
     trial_total = total + scale * step;
@@ -576,14 +622,13 @@ bool LocalNewton::search(const State& state, std::span<Energy* const> kinked, do
 }
 
 LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::span<Energy* const> kinked,
-                                                       Curvature curvature, const VectorX& gradient,
+                                                       Curvature curvature, const VectorX& gradient, double tolerance,
                                                        BlockMatrix& hessian, BorderedSolver& factor,
                                                        std::span<const KeptBlock> kept, Compliance& compliance,
                                                        VectorX& direction) {
   forget_blocks();
-  compliance_place_.clear();
+  border_ = 0;
   condensed_operations_ = 0;
-  first_new_ = 0;
   mode_count_ = 0;
   trial_.node_positions = state.node_positions;
   trial_.body_poses = state.body_poses;
@@ -597,41 +642,55 @@ LocalNewton::Condensed LocalNewton::minimise_condensed(const State& state, std::
   };
   // Includes what `trial_` touches. New blocks move at once as the forces so far move them, and may touch more.
   const auto touch = [&] {
-    for (bool is_condensed = !blocks_.empty();; is_condensed = true) {
+    while (true) {
       renew_kinked();
+      const bool is_first = blocks_.empty();
       const std::size_t before = blocks_.size();
       const Condensed included = include_touched(hessian, factor, kept, compliance);
-      if (included != Condensed::found || (before == blocks_.size() && is_condensed)) return included;
-      hessian.take_back();
+      if (included != Condensed::found || (before == blocks_.size() && !is_first)) return included;
       condense(hessian, kept, compliance);
       find_forces(hessian, kept);
+      if (is_first) return included;  // nothing has moved
       move_to(state, total_.head(size_));
       energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
     }
   };
   Condensed result = touch();
-  double first_residual = 0;
+  double first_residual = 0, last_residual = std::numeric_limits<double>::infinity();
+  bool converged = false, is_new = true;
+  double moved = 0;
   for (int iteration = 0; result == Condensed::found && iteration < kMaxLocalIterations; ++iteration) {
     auto local_gradient = local_gradient_.head(size_), step = step_.head(size_);
-    gather_condensed(hessian);
     local_gradient = smooth_slope_.head(size_);
     add_kinked_gradient(local_gradient);
     const double residual = local_gradient.lpNorm<Eigen::Infinity>();
     if (iteration == 0) first_residual = residual;
-    if (residual <= std::max(kConverged * first_residual, kSmallForce)) break;
+    converged = residual <= std::max(kConverged * first_residual, tolerance);
+    if (converged && (is_new || moved <= kSmallStep)) break;
+    condensed_operations_ += kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
+    if (residual > kSlow * last_residual) forget_factor();
+    is_new = !serves_again(hessian);
+    last_residual = residual;
+    if (is_new) factorise_condensed(hessian, kept, compliance);
     step = -local_gradient;
-    const bool positive = dense_.factorize(factor_, size_);
-    condensed_operations_ +=
-        kDenseOperation * dense_.operations() + kDenseEntry * static_cast<double>(size_) * static_cast<double>(size_);
-    if (positive) dense_.solve(step);
-    if (!positive || !step.allFinite()) {
+    if (has_dense_factor_) dense_.solve(step);
+    if (!has_dense_factor_ || !step.allFinite()) {
       result = Condensed::not_positive;
       break;
     }
-    if (!search(state, kinked, energy)) break;
+    multiply_smooth(hessian, kept, compliance, step_, smooth_change_);
+    if (!search(state, kinked, energy)) {
+      if (is_new || converged) break;
+      forget_factor();
+      move_to(state, total_.head(size_));
+      energy = kinked_energy(kinked, trial_) + smooth_energy(total_.head(size_), smooth_slope_.head(size_));
+      continue;
+    }
+    moved = step.lpNorm<Eigen::Infinity>();
     find_forces(hessian, kept);
     result = touch();
   }
+  if (!converged) forget_factor();
   hessian.take_back();
   if (result != Condensed::found) return result;
   compliance.add_forces(forces_.head(3 * static_cast<Eigen::Index>(compliance.blocks().size())), half_);

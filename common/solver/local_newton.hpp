@@ -60,13 +60,17 @@ class LocalNewton {
 
   enum class Condensed : std::uint8_t { found, no_room, not_positive };
   /// Minimises over all blocks: the terms `kinked` are exact, and the rest is the quadratic model of `hessian`, which
-  /// is without `kinked` and stays so. Its journal must have begun. `factor`: of `hessian` or of one nearby, with
-  /// `kept` added. Core and border must not be coupled. `compliance` belongs to it. `direction` is valid if it is
-  /// `found`. `no_room`: more blocks are touched than `compliance` can hold. `not_positive`: a matrix is not positive
-  /// definite. Does not allocate.
+  /// is without `kinked` and stays so. Its journal must have begun. The residual of the model falls to `tolerance` (N,
+  /// N m) or to a hundredth of the first one. `factor`: of `hessian` or of one nearby, with `kept` added. Core and
+  /// border must not be coupled. `compliance` belongs to it. `direction` is valid if it is `found`. `no_room`: more
+  /// blocks are touched than `compliance` can hold. `not_positive`: a matrix is not positive definite. Does not
+  /// allocate.
   Condensed minimise_condensed(const State& state, std::span<Energy* const> kinked, Curvature curvature,
-                               const VectorX& gradient, BlockMatrix& hessian, BorderedSolver& factor,
+                               const VectorX& gradient, double tolerance, BlockMatrix& hessian, BorderedSolver& factor,
                                std::span<const KeptBlock> kept, Compliance& compliance, VectorX& direction);
+  /// `minimise_condensed` keeps the factor of its dense matrix for later calls. Call this at the start of a step, and
+  /// when `factor` has changed.
+  void forget_factor() { has_dense_factor_ = false; }
   /// Number of blocks of the core in the journal of `hessian`.
   int touched_blocks(const BlockMatrix& hessian);
   /// Work of `minimise_condensed` since the last call, in floating-point operations of a float factorisation.
@@ -89,13 +93,18 @@ class LocalNewton {
   bool factorise(double& operations);
   double expected_operations() const;
   void solve(Eigen::Ref<VectorX> step) const;
+  void include_border(std::int32_t block);
   Condensed include_touched(const BlockMatrix& hessian, BorderedSolver& factor, std::span<const KeptBlock> kept,
                             Compliance& compliance);
+  void gather_border(const BlockMatrix& hessian);
   void condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
   template <typename Visit>
   void for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const;
   void find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept);
-  void gather_condensed(const BlockMatrix& hessian);
+  bool serves_again(const BlockMatrix& hessian) const;
+  void factorise_condensed(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
+  void multiply_smooth(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance,
+                       const VectorX& move, VectorX& product) const;
   double smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const;
   void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;
   bool search(const State& state, std::span<Energy* const> kinked, double& energy);
@@ -113,13 +122,19 @@ class LocalNewton {
   int mode_count_ = 0;
   VectorX force_, product_;                               // scratch, of all blocks
   std::vector<std::pair<double, std::int32_t>> patches_;  // scratch: residual force and root of a patch
-  std::vector<std::int32_t> compliance_place_;            // by place: place in the compliance; -1: of the border
-  std::size_t first_new_ = 0;                             // so many blocks of the compliance are included
-  std::vector<std::int32_t> added_;                       // scratch
+  int border_ = 0;  // of the condensed problem: first come so many blocks of the border, then those of the compliance
+  std::vector<std::int32_t> added_;  // scratch
   double condensed_operations_ = 0;
   VectorX half_;  // half a solve, in elimination order
   Dense smooth_, factor_;
   DenseCholesky dense_;
+  bool has_dense_factor_ = false;
+  std::vector<std::int32_t> factored_blocks_;  // `blocks_` of the factor in `dense_`
+  struct Factored {
+    std::pair<std::int32_t, std::int32_t> position;
+    Matrix3 block;
+  };
+  std::vector<Factored> factored_;  // the blocks of terms with kinks in it
   VectorX forces_;
   VectorX smooth_gradient_;
   VectorX smooth_slope_, smooth_change_;  // gradient of the smooth model at `total_`, and its change along `step_`

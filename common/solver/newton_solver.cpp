@@ -22,6 +22,8 @@ constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, 
 constexpr int kMaxRevisions = 4;    // of the terms in a step
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
+// Tolerance of the condensed solve of contact, as a fraction of `residual_tolerance`.
+constexpr double kContactTolerance = 0.1;
 // Residual (N, N m) below which the terms are revised for the first time.
 constexpr double kRough = 0.03;
 // m, RMS of the bones: if velocities miss the guess by more, they do not predict its contacts either.
@@ -176,6 +178,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
+  local_newton_.forget_factor();
   if (!touches) policy_.set_touches_much(false);
   bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves();
   const bool is_usable = condenses == factor_.is_without_kinks();
@@ -220,6 +223,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
         factorised = factor_.renew(potential_, state, decision.in_double, condenses, meter);
         if (!factorised) break;
         compliance_.clear();
+        local_newton_.forget_factor();
         if (may_be_chord) linkage_.set_earlier_state(state);
       }
       has_direction = find_direction(state, condenses, meter);
@@ -318,9 +322,10 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
     return true;
   }
   if (!factor_.is_without_kinks()) return false;
-  const LocalNewton::Condensed result = local_newton_.minimise_condensed(
-      state, potential_.kinked(), potential_.curvature(), potential_.gradient(), potential_.change_hessian(),
-      factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
+  const LocalNewton::Condensed result =
+      local_newton_.minimise_condensed(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
+                                       kContactTolerance * options_.residual_tolerance, potential_.change_hessian(),
+                                       factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
   if (result == LocalNewton::Condensed::no_room) policy_.set_touches_much(true);
   meter.report.work += meter.prices.solve +
                        meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());

@@ -113,25 +113,42 @@ TEST(Compliance, RefusesAFactorThatIsNotFinite) {
 
 TEST(DenseCholesky, SolvesAtEverySize) {
   constexpr int kMost = 20;
+  const auto positive = [](Eigen::Index size, std::mt19937& random) {
+    std::normal_distribution<double> normal;
+    Eigen::MatrixXd a(size, size);
+    for (Eigen::Index i = 0; i < a.size(); ++i) a(i) = normal(random);
+    DenseCholesky::Dense stored = DenseCholesky::Dense::Constant(3 * kMost, 3 * kMost, std::nan(""));
+    stored.topLeftCorner(size, size) = a * a.transpose() + Eigen::MatrixXd::Identity(size, size);
+    return stored;
+  };
   for (const InstructionSet set : kInstructionSets) {
     if (!is_supported(set)) continue;
     DenseCholesky cholesky(kMost, set);
-    for (const int blocks : {1, 20, 3, 2, 8, 16, 19}) {
-      const Eigen::Index size = 3 * blocks;
-      std::mt19937 random(static_cast<unsigned>(blocks));
-      std::normal_distribution<double> normal;
-      Eigen::MatrixXd a(size, size);
-      for (Eigen::Index i = 0; i < a.size(); ++i) a(i) = normal(random);
-      const Eigen::MatrixXd matrix = a * a.transpose() + Eigen::MatrixXd::Identity(size, size);
-      DenseCholesky::Dense stored = DenseCholesky::Dense::Constant(3 * kMost, 3 * kMost, std::nan(""));
-      stored.topLeftCorner(size, size) = matrix;
-      ASSERT_TRUE(cholesky.factorize(stored, size));
+    for (const auto& [first, second] : {std::pair{0, 1}, {0, 20}, {3, 0}, {1, 1}, {2, 6}, {9, 7}, {0, 19}}) {
+      std::mt19937 random(static_cast<unsigned>(first + second));
+      const Eigen::Index size = 3 * (first + second), corner = 3 * first, rest = size - corner;
+      const DenseCholesky::Dense one = positive(corner, random);
+      DenseCholesky::Dense other = positive(rest, random);
+      Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(size, size);
+      matrix.topLeftCorner(corner, corner) = one.topLeftCorner(corner, corner);
+      matrix.bottomRightCorner(rest, rest) = other.topLeftCorner(rest, rest);
+      const Matrix3 part{{0.01, 0.02, 0.03}, {0.04, 0.05, 0.06}, {0.07, 0.08, 0.09}};
+      const bool has_pair = first + second > 1;
+      if (has_pair) {
+        matrix.block<3, 3>(size - 3, 0) += part;
+        matrix.block<3, 3>(0, size - 3) += part.transpose();
+      }
+      cholesky.assign(one, corner, other, rest);
+      if (has_pair) cholesky.add(first + second - 1, 0, part);
+      ASSERT_TRUE(cholesky.factorize());
       const VectorX rhs = VectorX::LinSpaced(size, 1, 2);
       VectorX x = rhs;
       cholesky.solve(x);
       EXPECT_LE((matrix * x - rhs).norm(), 1e-12 * matrix.norm() * x.norm());
-      stored(size - 1, size - 1) = -1;
-      EXPECT_FALSE(cholesky.factorize(stored, size));
+      if (rest == 0) continue;
+      other(rest - 1, rest - 1) = -1;
+      cholesky.assign(one, corner, other, rest);
+      EXPECT_FALSE(cholesky.factorize());
     }
   }
 }

@@ -81,6 +81,8 @@ class Wall final : public Energy {
   BlockSlot slot_;
 };
 
+constexpr double kTolerance = 1e-12;  // N
+
 // One-sided: 1/2 k max(0, x_a - x_b - gap)^2 along x of two nodes.
 class Bumper final : public Energy {
  public:
@@ -149,8 +151,10 @@ struct Scene {
     return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, 1e9, factor,
                            direction);
   }
-  // `kept`: the factor has this stiffness at node 2 in addition.
-  LocalNewton::Condensed minimise_condensed(VectorX& direction, int most_blocks = 4, double kept = 0) {
+  // `kept`: the factor has this stiffness at node 2 in addition. `is_new`: the solver knows no factor of its own.
+  LocalNewton::Condensed minimise_condensed(VectorX& direction, int most_blocks = 4, double kept = 0,
+                                            bool is_new = true) {
+    if (is_new) solver.forget_factor();
     hessian.set_zero();
     for (Energy* term : {&tie, &first, &second, &third}) term->add_hessian(state, hessian, Curvature::projected);
     hessian.begin_journal();
@@ -162,8 +166,8 @@ struct Scene {
     EXPECT_TRUE(smooth.factorize());
     hessian.take_back();
     Compliance compliance(4, most_blocks);
-    return solver.minimise_condensed(state, walls(), Curvature::projected, gradient_at(state), hessian, smooth,
-                                     {&block, 1}, compliance, direction);
+    return solver.minimise_condensed(state, walls(), Curvature::projected, gradient_at(state), kTolerance, hessian,
+                                     smooth, {&block, 1}, compliance, direction);
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
   Wall near{2, 0.005, 1e4}, far{3, 0.02, 1e4};
@@ -386,8 +390,8 @@ TEST(LocalNewton, CondensedDirectionMovesTheTouchedBody) {
   LocalNewton solver(layout);
   VectorX direction(layout.dof_count());
   const std::vector<Energy*> pads{&near, &far};
-  ASSERT_EQ(solver.minimise_condensed(state, pads, Curvature::projected, gradient_at(state), hessian, factor, {},
-                                      compliance, direction),
+  ASSERT_EQ(solver.minimise_condensed(state, pads, Curvature::projected, gradient_at(state), kTolerance, hessian,
+                                      factor, {}, compliance, direction),
             LocalNewton::Condensed::found);
   const double moved = direction[3 * layout.body_translation_block(0)];
   EXPECT_GT(moved, 1e-3);
@@ -395,6 +399,35 @@ TEST(LocalNewton, CondensedDirectionMovesTheTouchedBody) {
   EXPECT_GT(gradient_at(state).norm(), 100);
   apply_increment(state, direction);
   EXPECT_LE(gradient_at(state).norm(), 1e-9);
+}
+
+// The factor of the dense matrix serves again if the stiffness of contact has hardly changed.
+TEST(LocalNewton, CondensedFactorServesUntilContactChanges) {
+  Scene scene;
+  scene.far = Wall(3, -1, 1e4);  // touches nothing
+  scene.far.bind(scene.hessian);
+  VectorX direction(12);
+  ASSERT_EQ(scene.minimise_condensed(direction), LocalNewton::Condensed::found);
+  apply_increment(scene.state, direction);
+  const auto set_wall = [&](double offset, double stiffness) {
+    scene.near = Wall(2, offset, stiffness);
+    scene.near.bind(scene.hessian);
+  };
+  const auto operations = [&](bool is_new) {
+    EXPECT_EQ(scene.minimise_condensed(direction, 4, 0, is_new), LocalNewton::Condensed::found);
+    State moved = scene.state;
+    apply_increment(moved, direction);
+    EXPECT_LE(scene.gradient_at(moved).norm(), 0.01 * scene.gradient_at(scene.state).norm());
+    return scene.solver.take_operations();
+  };
+  set_wall(0.00505, 1e4);  // 0.05 mm further
+  const double with_factor = operations(true), again = operations(false);
+  EXPECT_LT(again, with_factor);
+  set_wall(0.00505, 1.0005e4);
+  EXPECT_EQ(operations(false), again);
+  set_wall(0.00505, 2e4);
+  const double changed = operations(false);
+  EXPECT_EQ(changed, operations(true));
 }
 
 // Two nodes touch, but there is room for one.
@@ -422,8 +455,8 @@ struct Train {
     EXPECT_TRUE(factor.factorize());
     hessian.begin_journal();
     Compliance compliance(4, 4);
-    EXPECT_EQ(solver.minimise_condensed(state, kinked(), Curvature::projected, gradient, hessian, factor, {},
-                                        compliance, direction),
+    EXPECT_EQ(solver.minimise_condensed(state, kinked(), Curvature::projected, gradient, kTolerance, hessian, factor,
+                                        {}, compliance, direction),
               LocalNewton::Condensed::found);
     return direction;
   }
