@@ -31,8 +31,9 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
   v.number("rate_hz", o.rate_hz, "Hz", {10, 2000}, "Rate of the hand simulation. The time step is its reciprocal.");
   v.string("model", o.model,
            "Hand file: a path, or a name in config/hands. auto: softhand-hand chooses among right_400, 750, 1450, 3000 "
-           "and 6000. It takes the finest with at least two fast steps in its budget on this machine. If none has, "
-           "it takes right_400. `softhand simulate` and other processes then use right_1450.");
+           "and 6000. It takes the finest with at least two fast steps in its budget on this machine, or four with "
+           "flexible objects. If none has, it takes right_400. `softhand simulate` and other processes then use "
+           "right_1450.");
   v.choice("side", o.side, {"left", "right"}, "Side of the hand. A file of the other side is mirrored.");
   v.flag("direct", o.direct,
          "Leave out the intermediate layer and couple to the tracked skeleton (figure 2B). For matched rates.");

@@ -4,12 +4,13 @@
 #include <limits>
 
 #include "geometry/shape.hpp"
+#include "hand/work_price.hpp"
 #include "scene/hand_simulation.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr double kLeastFastSteps = 2;  // a step that ends after less work is far from converged
+constexpr double kLeastFastSteps = 2;  // rigid objects: a step that ends after less work is far from converged
 constexpr int kWarmUp = 3, kSamples = 9, kFewest = 3;
 // m. The sideways amplitude of the targets' motion: a hand at rest has nothing to solve. And how far the targets press
 // the hand into the table.
@@ -30,12 +31,17 @@ double median(std::vector<double> values) {
 
 }  // namespace
 
-HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::function<double(std::size_t)>& measure) {
+double least_fast_steps(bool has_flexible_objects) {
+  return std::max(kLeastFastSteps, WorkPrice::least_budget(has_flexible_objects));
+}
+
+HandSizeChoice choose_hand_size(std::size_t count, double budget, double least_fast_steps,
+                                const std::function<double(std::size_t)>& measure) {
   HandSizeChoice choice;
   for (std::size_t size = 0; size < count; ++size) {
     const double fast_step = measure(size);
     choice.fast_steps.push_back(fast_step);
-    const bool fits = budget >= kLeastFastSteps * fast_step;
+    const bool fits = budget >= least_fast_steps * fast_step;
     if (size == 0 || fits) {
       choice.size = size;
       choice.budget_fast_steps = budget / fast_step;

@@ -18,10 +18,14 @@ struct HandSizeChoice {
   double budget_fast_steps = 0;
 };
 
-/// Chooses the finest of `count` sizes for which the budget (s) is at least two fast steps. If no size fits, chooses
-/// the coarsest. Sizes are ordered from coarse to fine. `measure(size)` returns the seconds of a fast step. The search
-/// stops at the first size that is too fine.
-HandSizeChoice choose_hand_size(std::size_t count, double budget, const std::function<double(std::size_t)>& measure);
+/// Fast steps that a chosen hand can take at least: two, and four with flexible objects.
+double least_fast_steps(bool has_flexible_objects);
+
+/// Chooses the finest of `count` sizes for which the budget (s) is at least so many fast steps. If no size fits,
+/// chooses the coarsest. Sizes are ordered from coarse to fine. `measure(size)` returns the seconds of a fast step. The
+/// search stops at the first size that is too fine.
+HandSizeChoice choose_hand_size(std::size_t count, double budget, double least_fast_steps,
+                                const std::function<double(std::size_t)>& measure);
 
 /// Expected time of the work of a fast step in a live process of one or two hands, with the flexible objects of the
 /// scene, in seconds of `clock`. The median of up to nine steps of hands that move to and fro on a table, with a budget

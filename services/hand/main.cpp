@@ -45,7 +45,8 @@ std::vector<HandModel> load_hands(const std::vector<Scene>& scenes, const std::s
 HandSizeChoice choose_size(const std::vector<Scene>& scenes, const HandOptions& options, double budget) {
   std::vector<int> nodes;
   const double start = seconds_now();
-  const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, [&](std::size_t size) {
+  const double least = least_fast_steps(!scenes.front().soft_objects.empty());
+  const HandSizeChoice choice = choose_hand_size(kHandSizes.size(), budget, least, [&](std::size_t size) {
     const std::vector<HandModel> hands = load_hands(scenes, kHandSizes[size]);
     nodes.push_back(hands.front().node_count());
     return measure_fast_step(hands, options, scenes.front().soft_objects, budget, seconds_now);
@@ -58,7 +59,7 @@ HandSizeChoice choose_size(const std::vector<Scene>& scenes, const HandOptions& 
       "hand.model = auto: a fast step takes {}; chose {}: its budget of {:.1f} ms is {:.1f} fast steps; measured in "
       "{:.2f} s",
       measured, kHandSizes[choice.size], 1e3 * budget, choice.budget_fast_steps, seconds_now() - start);
-  if (choice.budget_fast_steps < 2)
+  if (choice.budget_fast_steps < least)
     log_line("this machine is too slow or too busy for the coarsest hand: steps will end before convergence");
   return choice;
 }

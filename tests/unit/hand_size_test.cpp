@@ -13,9 +13,11 @@
 namespace softhand::hand_size_test {
 namespace {
 
-HandSizeChoice choose(const std::vector<double>& fast_steps, double budget, std::size_t* measured = nullptr) {
+HandSizeChoice choose(const std::vector<double>& fast_steps, double budget, std::size_t* measured = nullptr,
+                      bool has_flexible_objects = false) {
   std::size_t asked = 0;
-  const HandSizeChoice choice = choose_hand_size(fast_steps.size(), budget, [&](std::size_t size) {
+  const double least = least_fast_steps(has_flexible_objects);
+  const HandSizeChoice choice = choose_hand_size(fast_steps.size(), budget, least, [&](std::size_t size) {
     EXPECT_EQ(size, asked++) << "each size is measured once, from coarse to fine";
     return fast_steps[size];
   });
@@ -31,6 +33,16 @@ TEST(HandSize, ChoosesTheFinestSizeWithABudgetOfTwoFastSteps) {
   EXPECT_EQ(choose(steps, 6e-3).size, 2u) << "exactly two fast steps fit";
   EXPECT_EQ(choose(steps, 5.9e-3).size, 1u);
   EXPECT_EQ(choose(steps, 1).size, 4u);
+}
+
+// A live hand with flexible objects never takes a smaller budget. With two fast steps it would always be late.
+TEST(HandSize, ChoosesABudgetOfFourFastStepsWithFlexibleObjects) {
+  const std::vector<double> steps{0.5e-3, 1e-3, 3e-3};
+  EXPECT_EQ(choose(steps, 12e-3, nullptr, true).size, 2u) << "exactly four fast steps fit";
+  EXPECT_EQ(choose(steps, 11.9e-3, nullptr, true).size, 1u);
+  EXPECT_EQ(choose(steps, 11.9e-3).size, 2u);
+  EXPECT_GE(least_fast_steps(true), WorkPrice::least_budget(true));
+  EXPECT_GE(least_fast_steps(false), WorkPrice::least_budget(false));
 }
 
 TEST(HandSize, StopsAtTheFirstSizeThatIsTooFine) {
