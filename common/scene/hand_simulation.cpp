@@ -146,6 +146,8 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
   for (const auto& term : terms_) list.push_back(term.get());
   SolverOptions solver_options = options.solver;
   solver_options.helper = helper_.get();
+  // Factors with the contact of two soft bodies need a dozen iterations. Live steps are cut off long before.
+  solver_options.condenses_all_contact = soft_ != nullptr;
   solver_ = std::make_unique<NewtonSolver>(std::move(list), layout, solver_options);
   std::vector<Linkage::Link> links(static_cast<std::size_t>(bones));
   for (const auto& hand : hands_) {

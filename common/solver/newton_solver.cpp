@@ -64,7 +64,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
-      room_(LocalNewton::condensed_room(prices_.per_operation)),
+      room_(options.condenses_all_contact ? LocalNewton::kMaxCondensedBlocks
+                                          : LocalNewton::condensed_room(prices_.per_operation)),
       compliance_(potential_.hessian().core_count(), room_),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());

@@ -27,6 +27,8 @@ struct SolverOptions {
   // Set by the program; not readable from a configuration file.
   /// Creates the linear solver. Empty: BlockCholesky with the precision `factor`.
   std::function<std::unique_ptr<LinearSolver>()> linear_solver;
+  /// The condensed solve of contact takes as many nodes as it can hold, even if factors with contact cost less.
+  bool condenses_all_contact = false;
   HelperThread* helper = nullptr;  ///< shares the block factorisation; must outlive the solver
   std::function<double()> clock;   ///< seconds from any origin; empty: a steady clock
 };
