@@ -532,9 +532,9 @@ void LocalNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock
   smooth_slope_.head(size_) += smooth_change_.head(size_);
 }
 
-// Whether the factor of the dense matrix serves the terms with kinks in the journal of `hessian`: the same blocks
-// touch each other, and hardly any stiffness has changed. An object's blocks sum all its contacts and would hide the
-// change of one, so they are not compared.
+// Whether the factor of the dense matrix serves the terms with kinks in the journal of `hessian`. It does if the same
+// blocks touch each other and hardly any stiffness has changed. An object's blocks sum all its contacts and would hide
+// the change of one, so they are not compared.
 bool LocalNewton::serves_again(const BlockMatrix& hessian) const {
   if (!has_dense_factor_ || blocks_ != factored_blocks_ || hessian.journal().size() != factored_.size()) return false;
   double change = 0, norm = 0;

@@ -60,8 +60,7 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
            "While nothing touches the hand, a step starts from the state predicted from velocities and reuses the "
            "factor of an earlier step. It ends when an iteration moves tissue and bones by no more than this (root "
            "mean square). None of them may move by more than seven times this. The remaining error is a fraction of "
-           "this. 0: "
-           "never.");
+           "this. 0: never.");
   v.flag("line_search", o.line_search,
          "Search along each iteration's direction, on the energy. Without it, steps of one or two iterations throw "
          "gripped objects.");

@@ -35,13 +35,13 @@ double least_fast_steps(bool has_flexible_objects) {
   return std::max(kLeastFastSteps, WorkPrice::least_budget(has_flexible_objects));
 }
 
-HandSizeChoice choose_hand_size(std::size_t count, double budget, double least_fast_steps,
+HandSizeChoice choose_hand_size(std::size_t count, double budget, double least,
                                 const std::function<double(std::size_t)>& measure) {
   HandSizeChoice choice;
   for (std::size_t size = 0; size < count; ++size) {
     const double fast_step = measure(size);
     choice.fast_steps.push_back(fast_step);
-    const bool fits = budget >= least_fast_steps * fast_step;
+    const bool fits = budget >= least * fast_step;
     if (size == 0 || fits) {
       choice.size = size;
       choice.budget_fast_steps = budget / fast_step;

@@ -21,16 +21,16 @@ struct HandSizeChoice {
 /// Fast steps that a chosen hand can take at least: two, and four with flexible objects.
 double least_fast_steps(bool has_flexible_objects);
 
-/// Chooses the finest of `count` sizes for which the budget (s) is at least so many fast steps. If no size fits,
+/// Chooses the finest of `count` sizes for which the budget (s) is at least `least` fast steps. If no size fits,
 /// chooses the coarsest. Sizes are ordered from coarse to fine. `measure(size)` returns the seconds of a fast step. The
 /// search stops at the first size that is too fine.
-HandSizeChoice choose_hand_size(std::size_t count, double budget, double least_fast_steps,
+HandSizeChoice choose_hand_size(std::size_t count, double budget, double least,
                                 const std::function<double(std::size_t)>& measure);
 
-/// Expected time of the work of a fast step in a live process of one or two hands, with the flexible objects of the
-/// scene, in seconds of `clock`. The median of up to nine steps of hands that move to and fro on a table, with a budget
-/// of two fast steps, times an allowance for what a live step has in addition. The steps find their data in no cache of
-/// a core. Stops after three or more steps if all samples are longer than `enough`.
+/// Expected time of the work of a fast step in a live process, in seconds of `clock`. The process simulates one or two
+/// hands and the flexible objects of the scene. It is the median of up to nine steps, times an allowance for what a
+/// live step has in addition. The hands move to and fro on a table, with a budget of two fast steps. The steps find
+/// their data in no cache of a core. Stops after three or more steps if all samples are longer than `enough` (s).
 double measure_fast_step(const std::vector<HandModel>& hands, const HandOptions& options,
                          const std::vector<SoftObject>& soft_objects, double enough,
                          const std::function<double()>& clock);

@@ -83,44 +83,55 @@ class Wall final : public Energy {
 
 constexpr double kTolerance = 1e-12;  // N
 
-// One-sided: 1/2 k max(0, x_a - x_b - gap)^2 along x of two nodes.
-class Bumper final : public Energy {
+// One-sided: 1/2 k depth^2 between two blocks, where depth is 0 or grows with x_a and falls with x_b.
+class OneSidedSpring : public Energy {
  public:
-  Bumper(int a, int b, double gap, double stiffness) : a_(a), b_(b), gap_(gap), stiffness_(stiffness) {}
-  std::string_view name() const override { return "bumper"; }
+  OneSidedSpring(int a, int b) : a_(a), b_(b) {}
+  std::string_view name() const override { return "one-sided spring"; }
   bool has_kinks() const override { return true; }
   void add_pattern(BlockPattern& pattern) const override {
     pattern.add(a_, a_);
     pattern.add(b_, b_);
-    pattern.add(a_, b_);
+    pattern.add(b_, a_);
   }
   void bind(const BlockMatrix& matrix) override {
     aa_ = matrix.find(a_, a_);
     bb_ = matrix.find(b_, b_);
-    ab_ = matrix.find(a_, b_);
+    ba_ = matrix.find(b_, a_);
   }
-  double value(const State& state) const override { return 0.5 * stiffness_ * depth(state) * depth(state); }
+  double value(const State& state) const override { return 0.5 * kStiffness * depth(state) * depth(state); }
   double add_gradient(const State& state, VectorX& gradient) const override {
-    gradient[3 * a_] += stiffness_ * depth(state);
-    gradient[3 * b_] -= stiffness_ * depth(state);
+    gradient[3 * a_] += kStiffness * depth(state);
+    gradient[3 * b_] -= kStiffness * depth(state);
     return value(state);
   }
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
     if (depth(state) == 0) return;
     Matrix3 block = Matrix3::Zero();
-    block(0, 0) = stiffness_;
+    block(0, 0) = kStiffness;
     hessian.add(aa_, block);
     hessian.add(bb_, block);
-    hessian.add(ab_, -block);
+    hessian.add(ba_, -block);
   }
 
- private:
-  double depth(const State& state) const {
-    return std::max(0.0, state.node_positions(0, a_) - state.node_positions(0, b_) - gap_);
-  }
+ protected:
+  static constexpr double kStiffness = 1e4;
+  virtual double depth(const State& state) const = 0;
   int a_, b_;
-  double gap_, stiffness_;
-  BlockSlot aa_, bb_, ab_;
+
+ private:
+  BlockSlot aa_, bb_, ba_;
+};
+
+// Node a may be at most 2 mm in front of node b.
+class Bumper final : public OneSidedSpring {
+ public:
+  using OneSidedSpring::OneSidedSpring;
+
+ private:
+  double depth(const State& state) const override {
+    return std::max(0.0, state.node_positions(0, a_) - state.node_positions(0, b_) - 0.002);
+  }
 };
 
 // A chain of four nodes: 0 is tied to the origin, and walls push nodes 2 and 3.
@@ -315,44 +326,15 @@ TEST(LocalNewton, KeptContactDoesNotChangeTheCondensedDirection) {
   EXPECT_LE((with_kept - direction).norm(), 1e-10 * direction.norm());
 }
 
-// One-sided spring along x between a node and a body of the border.
-class Pad final : public Energy {
+// A node may not be behind a body of the border.
+class Pad final : public OneSidedSpring {
  public:
-  Pad(DofLayout layout, int node) : node_(node), body_(layout.body_translation_block(0)) {}
-  std::string_view name() const override { return "pad"; }
-  bool has_kinks() const override { return true; }
-  void add_pattern(BlockPattern& pattern) const override {
-    pattern.add(node_, node_);
-    pattern.add(body_, body_);
-    pattern.add(body_, node_);
-  }
-  void bind(const BlockMatrix& matrix) override {
-    own_ = matrix.find(node_, node_);
-    of_body_ = matrix.find(body_, body_);
-    between_ = matrix.find(body_, node_);
-  }
-  double value(const State& state) const override { return 0.5 * kStiffness * depth(state) * depth(state); }
-  double add_gradient(const State& state, VectorX& gradient) const override {
-    gradient[3 * node_] += kStiffness * depth(state);
-    gradient[3 * body_] -= kStiffness * depth(state);
-    return value(state);
-  }
-  void add_hessian(const State& state, BlockMatrix& hessian, Curvature) const override {
-    if (depth(state) == 0) return;
-    Matrix3 block = Matrix3::Zero();
-    block(0, 0) = kStiffness;
-    hessian.add(own_, block);
-    hessian.add(of_body_, block);
-    hessian.add(between_, -block);
-  }
+  Pad(DofLayout layout, int node) : OneSidedSpring(node, layout.body_translation_block(0)) {}
 
  private:
-  static constexpr double kStiffness = 1e4;
-  double depth(const State& state) const {
-    return std::min(0.0, state.node_positions(0, node_) - state.body_poses[0].position.x());
+  double depth(const State& state) const override {
+    return std::min(0.0, state.node_positions(0, a_) - state.body_poses[0].position.x());
   }
-  int node_, body_;
-  BlockSlot own_, of_body_, between_;
 };
 
 // Two nodes push a body of the border, which is held by springs.
@@ -462,7 +444,7 @@ struct Train {
   }
   Spring tie{0, -1, 100}, first{0, 1, 100}, second{1, 2, 100}, third{2, 3, 100};
   Wall wall{1, 0.01, 1e4};
-  Bumper front{1, 2, 0.002, 1e4}, back{2, 3, 0.002, 1e4};
+  Bumper front{1, 2}, back{2, 3};
   State state;
   BlockMatrix hessian;
 };
