@@ -63,12 +63,13 @@ for (const [hand, ...vertices] of loads) {
   if (vertices.length > 0) {
     const chromium = await browser();
     load.chromium = [];
-    for (const [width, height] of [
-      [1280, 800],
-      [320, 200],
+    for (const [width, height, query] of [
+      [1280, 800, ""],
+      [1280, 800, "?plain"],
+      [320, 200, "?plain"],
     ]) {
       const page = await chromium.newPage({ viewport: { width, height } });
-      await page.goto(`${viewer.url}?plain`);
+      await page.goto(`${viewer.url}${query}`);
       const counts = () => page.evaluate(() => ({ ...window.softhand?.counts, at: performance.now() }));
       await until("pictures", async () => (await counts()).drawn > 5, 120);
       const first = await counts();
@@ -78,6 +79,7 @@ for (const [hand, ...vertices] of loads) {
       load.chromium.push({
         width,
         height,
+        controls: query === "",
         pictures_per_second: rate("drawn"),
         node_frames_shown_per_second: rate("nodes"),
       });

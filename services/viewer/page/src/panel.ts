@@ -121,7 +121,8 @@ class Plot {
     const ratio = window.devicePixelRatio;
     const width = (canvas.width = Math.round(canvas.clientWidth * ratio));
     const height = (canvas.height = Math.round(canvas.clientHeight * ratio));
-    const context = canvas.getContext("2d")!;
+    // Such a canvas is drawn by the processor, which is faster if WebGL is drawn in software too.
+    const context = canvas.getContext("2d", { willReadFrequently: true })!;
     const style = getComputedStyle(canvas);
     let top = this.least;
     for (const { values } of samples) top = Math.max(top, ...values);
@@ -139,11 +140,19 @@ class Plot {
     const last = samples.at(-1);
     if (!last) return;
     const x = (time: number): number => width * (1 - (last.time - time) / PLOT_SECONDS);
+    // One point for each column of pixels, with the largest value there. Lines through all samples take long to draw.
+    const columns: { time: number; values: number[] }[] = [];
+    for (const { time, values } of samples) {
+      const column = columns.at(-1);
+      if (column && Math.floor(x(column.time)) === Math.floor(x(time)))
+        column.values = column.values.map((value, i) => Math.max(value, values[i]!));
+      else columns.push({ time, values });
+    }
     context.lineWidth = 1.5 * ratio;
     this.colours.forEach((colour, i) => {
       context.strokeStyle = colour;
       context.beginPath();
-      for (const { time, values } of samples) context.lineTo(x(time), y(values[i]!));
+      for (const { time, values } of columns) context.lineTo(x(time), y(values[i]!));
       context.stroke();
     });
   }
