@@ -1,16 +1,12 @@
-# The fuzzers of tests/fuzz (docs/fuzzing.md): a minute for each format that processes, pages and files share, and 20
-# seconds for each protocol of a device. They keep the inputs that they found.
+# The fuzzers of tests/fuzz (docs/fuzzing.md), a minute each. They keep the inputs that they found.
 set(folder ${PROJECT_BINARY_DIR}/fuzz)
 add_test(NAME fuzz_build COMMAND ${CMAKE_CTEST_COMMAND}
   --build-and-test ${PROJECT_SOURCE_DIR}/tests/fuzz ${folder} --build-generator Ninja --build-noclean
   --build-options -DCMAKE_CXX_COMPILER=clang++ --test-command ${folder}/write_seeds inputs)
 set_tests_properties(fuzz_build PROPERTIES FIXTURES_SETUP fuzzers TIMEOUT 900)
-function(softhand_add_fuzzers seconds)
-  foreach(decoder ${ARGN})
-    add_test(NAME fuzz_${decoder} COMMAND ./fuzz_${decoder} -max_total_time=${seconds} -timeout=10 -print_final_stats=1
-      inputs/${decoder} WORKING_DIRECTORY ${folder})
-    set_tests_properties(fuzz_${decoder} PROPERTIES FIXTURES_REQUIRED fuzzers TIMEOUT 180)
-  endforeach()
-endfunction()
-softhand_add_fuzzers(60 topics hand_file object_file topic_recording hand_recording landmarks webxr page mesh_file)
-softhand_add_fuzzers(20 streamer osc opengloves natnet vrpn leap openxr haply bhaptics weart)
+foreach(decoder topics hand_file object_file topic_recording hand_recording landmarks webxr page mesh_file
+        streamer osc opengloves natnet vrpn leap openxr haply bhaptics weart)
+  add_test(NAME fuzz_${decoder} COMMAND ./fuzz_${decoder} -max_total_time=60 -timeout=10 -print_final_stats=1
+    inputs/${decoder} WORKING_DIRECTORY ${folder})
+  set_tests_properties(fuzz_${decoder} PROPERTIES FIXTURES_REQUIRED fuzzers TIMEOUT 180)
+endforeach()
