@@ -48,6 +48,8 @@ bool set_strength(const bus::Participant& participant, const std::string& module
   set_text(message.value, std::to_string(strength));
   message.id = make_epoch();
   message.stamp.sequence = 1;
+  message.stamp.epoch = participant.epoch();
+  message.stamp.clock_id = clock_id();
   message.stamp.publish_time = message.stamp.sample_time = now();
   writer.write(message);
   bool applied = false;
