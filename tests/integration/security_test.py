@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""security_test.py PROGRAMS BUS_PEER CYCLONE_PEER: the demo rig in a secured domain on the loopback interface.
+"""security_test.py PROGRAMS BUS_PEER CYCLONE_PEER WALL_CLOCK: the demo rig in a secured domain on loopback.
 
 Everybody who has the right identity is heard, with Fast DDS and Cyclone DDS. A stranger, an identity of another
 authority, an expired one and one of the wrong role are refused, and a log says so.
@@ -17,7 +17,7 @@ import time
 
 from checks import check, failures, own_domain, read
 
-PROGRAMS, BUS_PEER, CYCLONE_PEER = sys.argv[1:4]
+PROGRAMS, BUS_PEER, CYCLONE_PEER, WALL_CLOCK = sys.argv[1:5]
 ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 DOMAIN, _reservation = own_domain()
 VENDORS = ("fast", "cyclone")
@@ -28,6 +28,11 @@ def check_paired(condition, what):
     """A check that also fails if Fast DDS missed a pair of processes."""
     if not check(condition, what):
         missed.append(what)
+
+
+def with_wall_clock(days):
+    """The environment of a program whose wall clock is wrong by so many days."""
+    return dict(os.environ, LD_PRELOAD=WALL_CLOCK, WALL_CLOCK_SHIFT=str(round(days * 86400)))
 
 
 def edit(path, old, new):
@@ -60,7 +65,8 @@ class Domain:
             out.write(f'[network]\nsecurity = "{name}"\n')
 
     def make(self, name):
-        subprocess.run([f"{ROOT}/deploy/security", self.path(name)], check=True)
+        """The identities begin three days ago, so that one that has expired was valid before."""
+        subprocess.run([f"{ROOT}/deploy/security", self.path(name)], check=True, env=with_wall_clock(-3))
         self.write_network(name)
 
     def sign(self, text, out):
@@ -91,9 +97,10 @@ class Domain:
     def environment(self, name):
         return dict(os.environ, SOFTHAND_DOMAIN=DOMAIN, SOFTHAND_NETWORK=self.path(name + ".toml") if name else "")
 
-    def peer(self, vendor, name, role, does, topic, seconds=3):
-        """Starts a program of a vendor with the identity `role` of the folder `name`; without one if it is empty."""
-        environment = self.environment(name)
+    def peer(self, vendor, name, role, does, topic, seconds=3, days=0):
+        """Starts a program of a vendor with the identity `role` of the folder `name`; without one if it is empty. Its
+        wall clock is wrong by so many days."""
+        environment = with_wall_clock(days) | self.environment(name)
         command = [BUS_PEER, role, does, topic, str(seconds)]
         if vendor == "cyclone":
             settings = self.path(f"{vendor}-{name}-{role}.xml")
@@ -240,11 +247,19 @@ def run_checks(domain, rig, log, summary):
             output = domain.peer(vendor, name, "client", "read", "simulated_skeleton").communicate()[0]
             check(number(output, "samples") == 0, f"a stranger {what} on {vendor} reads nothing")
             check(refusals() > before, f"it is logged by {refusals() - before} processes of the rig")
+            output = domain.peer(vendor, name, "hand", "write", "bone_wrench").communicate()[0]
+            check(number(output, "readers") == 0, "it finds no reader of a wrench that it writes")
+    check(second_writers(domain) == 0, "no glove receives a wrench of a stranger")
 
     for vendor, words in (("fast", "cannot join domain"), ("cyclone", "cannot join the domain")):
         output = domain.peer(vendor, "expired", "client", "read", "simulated_skeleton").communicate()[0]
         check(number(output, "samples") <= 0 and words in output, f"an expired identity on {vendor}: {words}")
         print("        " + "\n        ".join(line[:160] for line in output.splitlines() if "expired" in line.lower()))
+        # Its own library accepts it if its clock is late. The rig does not.
+        before = refusals()
+        output = domain.peer(vendor, "expired", "client", "read", "simulated_skeleton", days=-1.5).communicate()[0]
+        check(number(output, "samples") == 0, f"an expired identity on {vendor} with a late clock reads nothing")
+        check(refusals() > before, f"it is logged by {refusals() - before} processes of the rig")
 
     for vendor, words in (("fast", "cannot create a writer of softhand/v1/bone_wrench"),
                           ("cyclone", "cannot write softhand/v1/bone_wrench")):
