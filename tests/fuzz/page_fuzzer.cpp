@@ -1,4 +1,4 @@
-// Requests of the viewer's page (docs/viewer-protocol.md).
+// Requests of the viewer's page (docs/viewer.md).
 #include <cmath>
 
 #include "fuzz/fuzzer.hpp"

@@ -1,7 +1,7 @@
 // forwarder NAMESPACE...: the switch between network namespaces, each of which gets the TAP device eth0. Commands on
 // stdin, one per line: `drop P` (share of frames), `delay S` (each frame waits a random time up to this), `cut N` and
 // `join N` (the cable of the N-th namespace, from 1). It prints `ready`, and `done` after each command. It ends with
-// its input. Each frame draws its own delay, so frames overtake each other.
+// its input. Each frame draws its own delay, and none overtakes another.
 #include <fcntl.h>
 #include <linux/if_tun.h>
 #include <net/if.h>
