@@ -34,6 +34,7 @@
 #include "bus/plain_type.hpp"
 #include "bus/qos.hpp"
 #include "bus/user_data.hpp"
+#include "messages/age.hpp"
 #include "runtime/clock.hpp"
 
 namespace softhand::bus {
@@ -348,6 +349,8 @@ class ReaderImpl final : public dds::DataReaderListener {
       : participant_(std::move(participant)),
         codec_(codec),
         has_lease_(row.liveliness_ms > 0),
+        stays_readable_(row.durability == Durability::transient_local),
+        lifespan_(1e-3 * row.lifespan_ms),
         most_samples_(2 * row.max_instances * row.depth) {
     dds::DataReaderQos qos = dds::DATAREADER_QOS_DEFAULT;
     // Fast DDS 2.9 first puts a sample into the history and then checks the owner. It then removes the sample of a
@@ -392,7 +395,13 @@ class ReaderImpl final : public dds::DataReaderListener {
           refused_.fetch_add(1, std::memory_order_relaxed);
           continue;
         }
-        participant_->clocks().to_local(codec_.stamp(received));
+        Stamp& stamp = codec_.stamp(received);
+        // What stays readable for late readers counts without its time, too.
+        if (!participant_->clocks().to_local(stamp) && stays_readable_) stamp.sample_time = 0;
+        if (has_outlived(stamp)) {
+          outlived_.fetch_add(1, std::memory_order_relaxed);
+          continue;
+        }
         received_.fetch_add(1, std::memory_order_relaxed);
         source_time = info.source_timestamp.to_ns();
         return true;
@@ -427,13 +436,24 @@ class ReaderImpl final : public dds::DataReaderListener {
   ReaderCounters counters() const {
     ReaderCounters counters{received_.load(), refused_.load(), lost_.load(), deadline_missed_.load()};
     if (filter_) filter_->count(counters);
+    counters.refused_stamp += outlived_.load();
     return counters;
   }
 
  private:
+  /// Whether the sample is older than its topic allows, or from the future. A stamp without a time, or of another host
+  /// whose clock is not known, says nothing.
+  bool has_outlived(const Stamp& stamp) const {
+    if (lifespan_ == 0 || stamp.publish_time == 0 || !is_on_clock(stamp, clock_id())) return false;
+    const std::optional<double> age = age_of(stamp.publish_time, now());
+    return !age || *age > lifespan_;
+  }
+
   std::shared_ptr<ParticipantImpl> participant_;
   const TypeCodec& codec_;
   bool has_lease_;
+  bool stays_readable_;
+  double lifespan_;  // s; 0: without end
   int most_samples_;
   std::optional<AdmissionFilter> filter_;  // outlives the reader
   dds::ContentFilteredTopic* filtered_ = nullptr;
@@ -444,6 +464,7 @@ class ReaderImpl final : public dds::DataReaderListener {
   std::atomic<std::uint64_t> refused_ = 0;
   std::atomic<std::uint64_t> lost_ = 0;
   std::atomic<std::uint64_t> deadline_missed_ = 0;
+  std::atomic<std::uint64_t> outlived_ = 0;
 };
 
 WriterEndpoint::WriterEndpoint(const Participant& participant, const TopicRow& topic, const TypeCodec& codec,

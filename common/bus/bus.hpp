@@ -85,9 +85,10 @@ struct ReaderCounters {
   std::uint64_t lost = 0;             ///< lost samples, as far as DDS knows
   std::uint64_t deadline_missed = 0;  ///< continues to count after the writer is gone
   std::uint64_t crowded = 0;          ///< about an instance for which there was no room
-  std::uint64_t refused_stamp = 0;    ///< from the future, or from another host whose clock is not known
-  std::uint64_t second_writer = 0;    ///< of another writer than the followed one
-  std::uint64_t second_epoch = 0;     ///< `Stamp::epoch` of the last one of these
+  /// From the future, from another host whose clock is not known, or older than `TopicRow::lifespan_ms`.
+  std::uint64_t refused_stamp = 0;
+  std::uint64_t second_writer = 0;  ///< of another writer than the followed one
+  std::uint64_t second_epoch = 0;   ///< `Stamp::epoch` of the last one of these
 };
 
 namespace detail {

@@ -70,7 +70,6 @@ void apply_row(Qos& qos, const TopicRow& row) {
     qos.liveliness().lease_duration = milliseconds(row.liveliness_ms);
     qos.liveliness().announcement_period = milliseconds(row.liveliness_ms * 2 / 5);
   }
-  if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
   if (row.writers == Writers::strongest) qos.ownership().kind = dds::EXCLUSIVE_OWNERSHIP_QOS;
   qos.resource_limits().max_instances = row.max_instances;
   qos.resource_limits().max_samples_per_instance = row.depth;
@@ -82,7 +81,11 @@ void apply_row(Qos& qos, const TopicRow& row) {
 
 }  // namespace
 
-void apply(dds::DataWriterQos& qos, const TopicRow& row) { apply_row(qos, row); }
+void apply(dds::DataWriterQos& qos, const TopicRow& row) {
+  apply_row(qos, row);
+  // Not on the reader: there Fast DDS compares the wall clocks of two hosts. `ReaderImpl` judges the stamp instead.
+  if (row.lifespan_ms > 0) qos.lifespan().duration = milliseconds(row.lifespan_ms);
+}
 void apply(dds::DataReaderQos& qos, const TopicRow& row) { apply_row(qos, row); }
 
 rtps::MemoryManagementPolicy_t memory_policy(const TypeCodec& codec) {

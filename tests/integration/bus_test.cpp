@@ -1,13 +1,29 @@
 // The bus over real DDS: what arrives, and who is there.
 #include "bus/bus.hpp"
 
+#include <dlfcn.h>
 #include <gtest/gtest.h>
+#include <time.h>
 
 #include <algorithm>
 #include <cstdlib>
 
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
+
+namespace softhand::bus::bus_test {
+namespace {
+thread_local time_t wall_clock_shift = 0;  // s, of this thread
+}
+}  // namespace softhand::bus::bus_test
+
+// All libraries of this program call it. Fast DDS stamps a sample in the thread that writes.
+extern "C" int clock_gettime(clockid_t clock, timespec* out) noexcept {
+  static const auto real = reinterpret_cast<int (*)(clockid_t, timespec*)>(dlsym(RTLD_NEXT, "clock_gettime"));
+  const int result = real(clock, out);
+  if (clock == CLOCK_REALTIME) out->tv_sec += softhand::bus::bus_test::wall_clock_shift;
+  return result;
+}
 
 namespace softhand::bus::bus_test {
 namespace {
@@ -196,6 +212,72 @@ TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
     return !ids.empty();
   }));
   EXPECT_EQ(ids, std::vector<std::uint64_t>{2}) << "an expired command arrived";
+}
+
+TEST(Bus, MessagePassesBetweenHostsWhoseWallClocksDiffer) {
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
+  Writer writer(here, topics::message);
+  Reader reader(there, topics::message);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  Message message;
+  for (const time_t shift : {-3600, -10, 10, 3600}) {
+    message.id = static_cast<std::uint64_t>(4000 + shift);
+    message.stamp.publish_time = now();
+    wall_clock_shift = shift;
+    writer.write(message);
+    wall_clock_shift = 0;
+    Message taken;
+    EXPECT_TRUE(eventually([&] { return reader.take_latest(taken) && taken.id == message.id; })) << shift << " s";
+  }
+}
+
+TEST(Bus, MessageOlderThanItsLifespanIsRefusedAndCounted) {
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
+  Writer writer(here, topics::message);
+  Reader reader(there, topics::message);
+  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  const Nanoseconds second = 1'000'000'000;
+  const std::uint32_t other = clock_id() + 1;
+  // Another vendor's program may leave the time out. The clock of another host is not known here.
+  const std::vector<std::pair<std::uint32_t, Nanoseconds>> stamps{{clock_id(), now() - 3 * second},
+                                                                  {0, now() - 3 * second},
+                                                                  {clock_id(), now() + 3 * second},
+                                                                  {clock_id(), now()},
+                                                                  {clock_id(), 0},
+                                                                  {other, 1}};
+  Message message;
+  for (const auto& [clock, time] : stamps) {
+    ++message.id;
+    message.stamp.clock_id = clock;
+    message.stamp.publish_time = time;
+    writer.write(message);
+  }
+  std::vector<std::uint64_t> ids;
+  ASSERT_TRUE(eventually([&] {
+    reader.take_all([&](const Message& m) { ids.push_back(m.id); });
+    return !ids.empty() && ids.back() == stamps.size();
+  }));
+  EXPECT_EQ(ids, (std::vector<std::uint64_t>{4, 5, 6}));
+  EXPECT_EQ(reader.counters().refused_stamp, 3u);
+}
+
+TEST(Bus, ADescriptionFromAnUnknownClockHasNoTime) {
+  const Participant here("here", testing::own_domain());
+  const Participant there("there", testing::own_domain());
+  Writer writer(here, topics::object_description);
+  Reader reader(there, topics::object_description);
+  ObjectDescription description;
+  description.stamp.sample_time = description.stamp.publish_time = 12;
+  for (const std::uint32_t clock : {clock_id(), clock_id() + 1}) {
+    ++description.object;
+    description.stamp.clock_id = clock;
+    writer.write(description);
+    ObjectDescription taken;
+    ASSERT_TRUE(eventually([&] { return reader.take_latest(taken) && taken.object == description.object; }));
+    EXPECT_EQ(taken.stamp.sample_time, clock == clock_id() ? 12 : 0);
+  }
 }
 
 TEST(Bus, DomainComesFromTheEnvironment) {
