@@ -10,6 +10,7 @@
 
 #include <array>
 #include <cstdint>
+#include <string_view>
 #include <type_traits>
 
 #include "model/joint_law.hpp"
@@ -413,44 +414,13 @@ struct MessageReply {
   std::array<char, 128> text{};
 };
 
-inline constexpr std::size_t kMaxCounters = 32;
-inline constexpr std::size_t kMaxEnergyTerms = 12;
-inline constexpr std::size_t kMaxLedgerRows = 12;
 struct NamedValue {
   std::array<char, 32> name{};
   double value = 0;
 };
-/// loop_status: every loop writes it at 10 Hz; key: module name.
-struct LoopStatus {
-  ShortText module{};
-  Stamp stamp;
-  std::uint32_t process_id = 0;
-  double rate_hz = 0;  ///< measured over the last second
-  double nominal_rate_hz = 0;
-  double step_ms_p50 = 0;  ///< median over the steps of the last second
-  double step_ms_p99 = 0;
-  double step_ms_p999 = 0;  ///< equals the slowest step in a loop below 1000 Hz
-  std::uint64_t steps = 0;
-  std::uint64_t deadline_misses = 0;
-  /// Age of the newest input sample, from its sample time (devices: from its arrival). Negative: no sample yet.
-  double input_age_ms = 0;
-  std::uint64_t input_drops = 0;  ///< input samples that were lost or malformed, as far as DDS knows
-  /// The last second writer of an input: topic, process and host. Its samples are refused. Empty: none so far.
-  std::array<char, 128> second_writer{};
-  double residual = 0;  ///< N, hand only
-  std::uint32_t iterations = 0;
-  std::uint32_t solver_status = 0;
-  std::uint32_t contact_count = 0;      ///< points of skin that touch objects or skin, hand only
-  std::uint32_t inverted_elements = 0;  ///< number of inverted tetrahedra now, hand only
-  double penetration = 0;               ///< m, largest contact penetration now, hand only
-  double coupling_stretch = 0;          ///< m, largest stretch now of the springs between skeletons; hand, tracking
-  /// J that the user put into the loop, minus what the user got back; haptic only. Negative: the loop was active.
-  double passivity_energy = 0;
-  BoundedVector<NamedValue, kMaxEnergyTerms> energies;  ///< J, per energy term
-  /// J per row since the loop started; docs/equations.md. Empty: this loop keeps no energy ledger.
-  BoundedVector<NamedValue, kMaxLedgerRows> ledger;
-  BoundedVector<NamedValue, kMaxCounters> counters;  ///< refused_nonfinite, refused_order, repositioned, ...
-};
+// struct LoopStatus and its fields: the build writes them from idl/status.idl (docs/topics.md, "Add a field to the
+// status").
+#include "messages/loop_status.inc"
 
 inline constexpr std::size_t kMaxChoices = 128;
 struct RigChoice {

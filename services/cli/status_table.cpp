@@ -35,6 +35,26 @@ std::string physics_line(const LoopStatus& status) {
   return line.empty() ? line : line + "\n";
 }
 
+// The fields of a status, except its module and its stamp. Empty lists are left out.
+struct ToJson {
+  nlohmann::ordered_json json = nlohmann::ordered_json::object();
+
+  template <typename T>
+  void field(std::string_view name, const T& value) {
+    const std::string_view unit = unit_of_status(name);
+    const std::string key = fmt::format("{}{}{}", name, unit.empty() ? "" : "_", unit);
+    if constexpr (std::is_arithmetic_v<T>) {
+      json[key] = value;
+    } else if constexpr (requires { value.items; }) {
+      for (const NamedValue& item : value) json[key][std::string(get_text(item.name))] = item.value;
+    } else {
+      json[key] = std::string(get_text(value));
+    }
+  }
+  void field(std::string_view, const Stamp&) {}
+  void key(std::string_view, const auto&) {}
+};
+
 }  // namespace
 
 std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanoseconds now) {
@@ -89,31 +109,9 @@ nlohmann::ordered_json choices_json(const RigChoices& choices) {
 }
 
 nlohmann::ordered_json status_json(const LoopStatus& status) {
-  nlohmann::ordered_json json{{"rate_hz", status.rate_hz},
-                              {"nominal_rate_hz", status.nominal_rate_hz},
-                              {"step_ms_p50", status.step_ms_p50},
-                              {"step_ms_p99", status.step_ms_p99},
-                              {"step_ms_p999", status.step_ms_p999},
-                              {"steps", status.steps},
-                              {"deadline_misses", status.deadline_misses},
-                              {"input_age_ms", status.input_age_ms},
-                              {"input_drops", status.input_drops},
-                              {"second_writer", std::string(get_text(status.second_writer))},
-                              {"residual_n", status.residual},
-                              {"iterations", status.iterations},
-                              {"solver_status", status.solver_status},
-                              {"contact_count", status.contact_count},
-                              {"inverted_elements", status.inverted_elements},
-                              {"penetration_m", status.penetration},
-                              {"coupling_stretch_m", status.coupling_stretch},
-                              {"passivity_energy_j", status.passivity_energy},
-                              {"process_id", status.process_id}};
-  for (const NamedValue& energy : status.energies)
-    json["energies_j"][std::string(get_text(energy.name))] = energy.value;
-  for (const NamedValue& row : status.ledger) json["ledger_j"][std::string(get_text(row.name))] = row.value;
-  for (const NamedValue& counter : status.counters)
-    json["counters"][std::string(get_text(counter.name))] = counter.value;
-  return json;
+  ToJson out;
+  visit_fields(out, status);
+  return out.json;
 }
 
 std::string json_text(const nlohmann::ordered_json& json) {

@@ -16,7 +16,7 @@ std::string status_table(const std::map<std::string, LoopStatus>& modules, Nanos
 std::string choices_text(const RigChoices& choices);
 /// {WHAT: {CHOICE: whether it runs, ...}, ...}
 nlohmann::ordered_json choices_json(const RigChoices& choices);
-/// rate_hz, step_ms_p50, step_ms_p99, deadline_misses, ..., energies_j, ledger_j, counters.
+/// Every field of the status except module and stamp: rate_hz, step_ms_p50, ..., energies_j, ledger_j, counters.
 nlohmann::ordered_json status_json(const LoopStatus& status);
 /// `json` as indented text. DDS does not define the encoding of a string, so invalid UTF-8 in a text is replaced by
 /// U+FFFD.

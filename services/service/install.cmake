@@ -22,6 +22,7 @@ set(package ${CMAKE_INSTALL_LIBDIR}/cmake/softhand)
 install(TARGETS ${sdk} EXPORT softhand ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}/softhand)
 install(EXPORT softhand FILE softhand-targets.cmake DESTINATION ${package})
 install(DIRECTORY common/ services/ DESTINATION include/softhand FILES_MATCHING PATTERN "*.hpp")
+install(DIRECTORY ${SOFTHAND_GENERATED}/ DESTINATION include/softhand)
 file(WRITE ${PROJECT_BINARY_DIR}/softhand-config.cmake [[
 include(CMakeFindDependencyMacro)
 foreach(dependency Threads Eigen3 nlohmann_json tomlplusplus fmt fastcdr fastrtps CLI11)

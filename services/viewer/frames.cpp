@@ -70,13 +70,28 @@ class Packer {
 
 template <typename Items>
 void put_named(Packer& out, const Items& items) {
-  out.integer(items.count);
+  out.integer(static_cast<std::uint32_t>(items.size()));
   out.integer(0);
   for (const NamedValue& item : items) {
     out.text(item.name);
     out.put(item.value);
   }
 }
+
+// The numbers of a status with their names in the IDL.
+struct Numbers {
+  std::vector<NamedValue> list;
+
+  template <typename T>
+  void field(const char* name, const T& value) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      NamedValue& item = list.emplace_back();
+      set_text(item.name, name);
+      item.value = static_cast<double>(value);
+    }
+  }
+  void key(const char*, const auto&) {}
+};
 
 // Reads a value from a page's frame. Empty if the bytes end too early.
 template <typename T>
@@ -305,23 +320,18 @@ Frame encode(const BoneWrench& wrench) {
 }
 
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
-  Packer out(FrameType::loop_status, slot,
-             368 + 40 * (status.energies.size() + status.ledger.size() + status.counters.size()));
+  Numbers numbers;
+  visit_fields(numbers, status);
+  const std::size_t items =
+      numbers.list.size() + status.energies.size() + status.ledger.size() + status.counters.size();
+  Packer out(FrameType::loop_status, slot, 248 + 40 * items);
   out.stamp(status.stamp);
-  for (const double value : {status.rate_hz, status.nominal_rate_hz, status.step_ms_p50, status.step_ms_p99,
-                             status.step_ms_p999, status.input_age_ms, static_cast<double>(status.input_drops),
-                             static_cast<double>(status.steps), static_cast<double>(status.deadline_misses),
-                             status.residual, status.penetration, status.coupling_stretch, status.passivity_energy}) {
-    out.put(value);
-  }
-  for (const std::uint32_t value :
-       {status.process_id, status.iterations, status.solver_status, status.contact_count, status.inverted_elements, 0u})
-    out.integer(value);
   out.text(status.module);
+  out.text(status.second_writer);
+  put_named(out, numbers.list);
   put_named(out, status.energies);
   put_named(out, status.ledger);
   put_named(out, status.counters);
-  out.text(status.second_writer);
   return out.finish();
 }
 

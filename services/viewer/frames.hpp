@@ -25,7 +25,7 @@
 namespace softhand::viewer {
 
 inline constexpr std::uint32_t kMagic = 0x46564853;  ///< "SHVF"
-inline constexpr std::uint16_t kVersion = 2;
+inline constexpr std::uint16_t kVersion = 3;
 inline constexpr std::size_t kHeaderBytes = 16;
 
 enum class FrameType : std::uint16_t {

@@ -369,10 +369,47 @@ TEST(StatusTable, FlagsAModuleThatFellSilent) {
 }
 
 TEST(StatusTable, JsonHasTheKeysOfTheContract) {
-  const auto json = status_json(status_of("hand", 1));
-  for (const char* key : {"rate_hz", "step_ms_p50", "step_ms_p99", "deadline_misses"})
+  LoopStatus status = status_of("hand", 1);
+  status.process_id = 7;
+  status.residual = 0.5;
+  NamedValue tissue;
+  set_text(tissue.name, "tissue");
+  status.energies.push_back(tissue);
+  status.ledger.push_back(tissue);
+  const auto json = status_json(status);
+  for (const char* key :
+       {"process_id",        "rate_hz",       "nominal_rate_hz",    "step_ms_p50",        "step_ms_p99",
+        "step_ms_p999",      "steps",         "deadline_misses",    "input_age_ms",       "input_drops",
+        "second_writer",     "residual_n",    "iterations",         "solver_status",      "contact_count",
+        "inverted_elements", "penetration_m", "coupling_stretch_m", "passivity_energy_j", "energies_j",
+        "ledger_j",          "counters"})
     EXPECT_TRUE(json.contains(key)) << key;
+  EXPECT_EQ(json["process_id"], 7);
+  EXPECT_EQ(json["residual_n"], 0.5);
+  EXPECT_EQ(json["energies_j"]["tissue"], 0);
   EXPECT_EQ(json["counters"]["teleports"], 3);
+}
+
+// Fields that others add to the IDL are in the JSON too.
+struct KeysOfNumbers {
+  const nlohmann::ordered_json& json;
+
+  template <typename T>
+  void field(const std::string& name, const T& value) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      const std::string unit(unit_of_status(name));
+      EXPECT_EQ(json.at(unit.empty() ? name : name + "_" + unit), value) << name;
+    }
+  }
+  void key(const char*, const auto&) {}
+};
+
+TEST(StatusTable, JsonHasEveryNumber) {
+  const LoopStatus status = status_of("hand", 1);
+  const auto json = status_json(status);
+  visit_fields(KeysOfNumbers{json}, status);
+  EXPECT_EQ(unit_of_status("penetration"), "m");
+  EXPECT_EQ(unit_of_status("rate_hz"), "") << "the name ends with its unit";
 }
 
 // Any process may publish a status under a name in another encoding. Here the name is "Gerät" in Latin-1.

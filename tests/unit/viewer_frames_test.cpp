@@ -7,7 +7,9 @@
 #include <limits>
 #include <memory>
 #include <string>
+#include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "messages/convert.hpp"
 #include "viewer/frames.hpp"
@@ -170,19 +172,26 @@ TEST(ViewerFrames, DescriptionHoldsSkinAndRestNodes) {
   EXPECT_EQ(encode(*in, rest), nullptr) << "node index out of range";
 }
 
-TEST(ViewerFrames, StatusKeepsItsValues) {
+// Gives each number of a status another value. Lists the numbers.
+struct NumberFields {
+  std::vector<std::pair<std::string, double>> list;
+
+  template <typename T>
+  void field(const char* name, T& value) {
+    if constexpr (std::is_arithmetic_v<T>) {
+      value = static_cast<T>(list.size() + 1);
+      list.emplace_back(name, value);
+    }
+  }
+  void key(const char*, auto&) {}
+};
+
+TEST(ViewerFrames, StatusHasEveryNumberUnderItsName) {
   LoopStatus in;
+  NumberFields numbers;
+  visit_fields(numbers, in);
   set_text(in.module, "hand");
-  in.rate_hz = 89.5;
-  in.step_ms_p99 = 8.25;
-  in.step_ms_p999 = 9.5;
-  in.input_drops = 3;
-  in.deadline_misses = 12;
-  in.penetration = 4e-4;
-  in.coupling_stretch = 2e-3;
-  in.passivity_energy = -0.25;
-  in.contact_count = 9;
-  in.inverted_elements = 2;
+  set_text(in.second_writer, "objects: world, process 7 on lab-pc");
   const auto named = [](const char* name, double value) {
     NamedValue out;
     set_text(out.name, name);
@@ -192,31 +201,31 @@ TEST(ViewerFrames, StatusKeepsItsValues) {
   in.energies.push_back(named("tissue", 0.5));
   in.ledger.push_back(named("work", 0.75));
   add_counter(in, "chord_steps", 7);
-  set_text(in.second_writer, "objects: world, process 7 on lab-pc");
   const Frame frame = encode(in, 4);
   expect_header(frame, FrameType::loop_status, 4);
-  const auto real = [&frame](std::size_t index) { return at<double>(frame, 24 + 8 * index); };
-  EXPECT_EQ(real(0), 89.5);
-  EXPECT_EQ(real(3), 8.25);
-  EXPECT_EQ(real(4), 9.5);
-  EXPECT_EQ(real(6), 3);
-  EXPECT_EQ(real(8), 12);
-  EXPECT_EQ(real(10), 4e-4);
-  EXPECT_EQ(real(11), 2e-3);
-  EXPECT_EQ(real(12), -0.25);
-  constexpr std::size_t integers = 24 + 13 * 8;
-  EXPECT_EQ(at<std::uint32_t>(frame, integers + 12), 9u);
-  EXPECT_EQ(at<std::uint32_t>(frame, integers + 16), 2u);
-  constexpr std::size_t texts = integers + 24;
-  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + texts), "hand");
-  for (std::size_t list = 0; list < 3; ++list) {
-    const std::size_t begin = texts + 64 + list * 48;
-    EXPECT_EQ(at<std::uint32_t>(frame, begin), 1u);
-    EXPECT_EQ(at<double>(frame, begin + 8 + 32), (std::array{0.5, 0.75, 7.0}[list]));
-  }
-  EXPECT_STREQ(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + texts + 64 + 3 * 48),
-               "objects: world, process 7 on lab-pc");
-  EXPECT_EQ(frame->size(), kHeaderBytes + texts + 64 + 3 * 48 + 128);
+  std::size_t place = 24;
+  const auto text = [&frame](std::size_t offset) {
+    return std::string(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + offset));
+  };
+  EXPECT_EQ(text(place), "hand");
+  EXPECT_EQ(text(place + 64), "objects: world, process 7 on lab-pc");
+  place += 64 + 128;
+  const auto expect_list = [&](const std::vector<std::pair<std::string, double>>& expected) {
+    ASSERT_EQ(at<std::uint32_t>(frame, place), expected.size());
+    place += 8;
+    for (const auto& [name, value] : expected) {
+      EXPECT_EQ(text(place), name);
+      EXPECT_EQ(at<double>(frame, place + 32), value) << name;
+      place += 40;
+    }
+  };
+  EXPECT_EQ(numbers.list.front(), std::pair(std::string("process_id"), 1.0));
+  EXPECT_EQ(numbers.list.back(), std::pair(std::string("passivity_energy"), in.passivity_energy));
+  expect_list(numbers.list);
+  expect_list({{"tissue", 0.5}});
+  expect_list({{"work", 0.75}});
+  expect_list({{"chord_steps", 7}});
+  EXPECT_EQ(frame->size(), kHeaderBytes + place);
 }
 
 TEST(ViewerFrames, ChoicesOfARig) {

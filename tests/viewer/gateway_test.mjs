@@ -185,7 +185,7 @@ test("bad frames are refused and counted, and the connection goes on", async () 
       frame(SHOW, Buffer.alloc(8), { length: 4000000000 }),
     ],
     magic: [frame(SHOW, Buffer.alloc(8), { magic: 1 })],
-    version: [frame(SHOW, Buffer.alloc(8), { version: 1 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
+    version: [frame(SHOW, Buffer.alloc(8), { version: 2 }), frame(SHOW, Buffer.alloc(8), { version: 0 })],
     type: [frame(2, Buffer.alloc(8)), frame(65535, Buffer.alloc(0)), "text"],
     content: [
       frame(SHOW, nan),

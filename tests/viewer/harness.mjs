@@ -99,7 +99,7 @@ export async function browser(...more) {
 
 export const SHOW = 32;
 export const MESSAGE = 33;
-export function frame(type, payload, { magic = 0x46564853, version = 2, length = payload.length } = {}) {
+export function frame(type, payload, { magic = 0x46564853, version = 3, length = payload.length } = {}) {
   const header = Buffer.alloc(16);
   header.writeUInt32LE(magic, 0);
   header.writeUInt16LE(version, 4);

@@ -1,5 +1,6 @@
 // Tests of the page in a browser, with data from a gateway over real DDS.
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
 import { networkInterfaces } from "node:os";
 import { after, before, test } from "node:test";
 import { Process, browser, build, frame, gateway, pause, publisher, source as folder, until } from "./harness.mjs";
@@ -407,6 +408,12 @@ test("a run is saved and played twice, and keys still work", async () => {
   const refused = page.locator("#refused");
   await refused.waitFor({ state: "visible" });
   assert.match(await refused.textContent(), /notes\.shv was not opened: no recording/);
+  const old = await readFile(file);
+  old.writeUInt16LE(2, 8 + 12 + 4); // the version in the header of the first frame
+  await page.setInputFiles("#open", { name: "old.shv", mimeType: "application/octet-stream", buffer: old });
+  await until("an old file is refused", async () =>
+    (await refused.textContent()).includes("old.shv was not opened: frame version 2, expected 3"),
+  );
   await page.setInputFiles("#open", file);
   await until("the same plays again", plays);
   assert.ok(await refused.isHidden());

@@ -42,33 +42,35 @@ class Physics {
   private readonly books = document.createElement("h4");
   private energyTop = 1e-6;
 
-  constructor({ module, iterations }: Status) {
+  constructor({ module, fields }: Status) {
     const details = document.createElement("details");
-    details.open = iterations > 0;
+    const solves = fields.iterations > 0;
+    details.open = solves;
     details.dataset.module = module;
     this.energies.setAttribute("role", "img");
     this.energies.setAttribute("aria-label", "Stored energy by term");
     this.books.textContent = "Energy since its start";
     this.books.title = "stored = initial + work + anchoring - friction - damping - integrator + residual";
-    const title = iterations > 0 ? `${words(module)}: solver and energy` : words(module);
+    const title = solves ? `${words(module)}: solver and energy` : words(module);
     details.append(tag("summary", title), this.figures, this.energies, this.books, this.ledger);
-    if (iterations > 0) element("physics").prepend(details);
+    if (solves) element("physics").prepend(details);
     else element("physics").append(details);
   }
 
   show(status: Status): void {
+    const { fields } = status;
     const figures: [string, string][] = [];
-    if (status.iterations > 0)
+    if (fields.iterations > 0)
       figures.push(
-        ["residual", `${status.residual < 1e-3 ? status.residual.toExponential(1) : status.residual.toPrecision(3)} N`],
-        ["iterations", String(status.iterations)],
-        ["contacts", String(status.contactCount)],
-        ["penetration", millimetres(status.penetration, 3)],
-        ["inverted", String(status.inverted)],
-        ["steps", String(status.steps)],
+        ["residual", `${fields.residual < 1e-3 ? fields.residual.toExponential(1) : fields.residual.toPrecision(3)} N`],
+        ["iterations", String(fields.iterations)],
+        ["contacts", String(fields.contact_count)],
+        ["penetration", millimetres(fields.penetration, 3)],
+        ["inverted", String(fields.inverted_elements)],
+        ["steps", String(fields.steps)],
       );
-    if (status.couplingStretch > 0) figures.push(["coupling stretch", millimetres(status.couplingStretch, 2)]);
-    if (status.passivity !== 0) figures.push(["passivity", energy(status.passivity)]);
+    if (fields.coupling_stretch > 0) figures.push(["coupling stretch", millimetres(fields.coupling_stretch, 2)]);
+    if (fields.passivity_energy !== 0) figures.push(["passivity", energy(fields.passivity_energy)]);
     if (status.secondWriter !== "") figures.push(["second writer of", status.secondWriter]);
     // Counters other than zero.
     for (const { name, value } of status.counters)
@@ -181,7 +183,8 @@ export class Panel {
   }
 
   status(status: Status, now: number): void {
-    if (status.nominalRate === 0) return; // `softhand up` has no loop
+    const { fields, energies, ledger, secondWriter } = status;
+    if (fields.nominal_rate_hz === 0) return; // `softhand up` has no loop
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
@@ -199,22 +202,23 @@ export class Panel {
     known.row.dataset.sequence = String(status.stamp.sequence);
     const texts = [
       status.module,
-      `${status.rate.toFixed(0)}/${status.nominalRate.toFixed(0)}`,
-      fixed(status.p50, 2),
-      fixed(status.p99, 2),
-      fixed(status.p999, 2),
-      String(status.misses),
-      String(status.inputDrops),
-      age(status.inputAge),
+      `${fields.rate_hz.toFixed(0)}/${fields.nominal_rate_hz.toFixed(0)}`,
+      fixed(fields.step_ms_p50, 2),
+      fixed(fields.step_ms_p99, 2),
+      fixed(fields.step_ms_p999, 2),
+      String(fields.deadline_misses),
+      String(fields.input_drops),
+      age(fields.input_age_ms),
     ];
     const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
     texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
-    known.row.cells[1]!.classList.toggle("bad", status.rate > 0 && status.rate < 0.9 * pace * status.nominalRate);
-    const { iterations, couplingStretch, passivity, energies, ledger, secondWriter } = status;
+    const slow = fields.rate_hz > 0 && fields.rate_hz < 0.9 * pace * fields.nominal_rate_hz;
+    known.row.cells[1]!.classList.toggle("bad", slow);
     known.row.cells[6]!.classList.toggle("bad", secondWriter !== "");
     known.row.cells[6]!.title = secondWriter === "" ? "" : `refused second writer of ${secondWriter}`;
     if (!this.physics.has(status.module)) {
-      const quantities = [iterations, couplingStretch, passivity, energies.length, ledger.length];
+      const { iterations, coupling_stretch, passivity_energy } = fields;
+      const quantities = [iterations, coupling_stretch, passivity_energy, energies.length, ledger.length];
       if (secondWriter === "" && quantities.every((quantity) => quantity === 0)) return;
       this.physics.set(status.module, new Physics(status));
     }

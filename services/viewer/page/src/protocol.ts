@@ -2,7 +2,7 @@
 // A frame that does not match is refused with a reason.
 
 const MAGIC = 0x46564853;
-const VERSION = 2;
+const VERSION = 3;
 const HEADER = 16;
 export const JOINTS = 26;
 export const BONES = 21;
@@ -303,29 +303,12 @@ export interface Named {
 }
 export interface Status {
   stamp: Stamp;
-  rate: number; // Hz
-  nominalRate: number;
-  p50: number; // ms
-  p99: number;
-  p999: number;
-  inputAge: number; // ms; negative: no input yet
-  inputDrops: number;
-  steps: number;
-  misses: number;
-  residual: number; // N
-  penetration: number; // m
-  couplingStretch: number; // m
-  passivity: number; // J
-  processId: number;
-  iterations: number;
-  solverStatus: number;
-  contactCount: number;
-  inverted: number;
   module: string;
+  secondWriter: string; // last refused second writer of an input: topic, process and host; empty: none
+  fields: Record<string, number>; // the numbers of LoopStatus with their names and units in idl/status.idl
   energies: Named[]; // J
   ledger: Named[]; // J
   counters: Named[];
-  secondWriter: string; // last refused second writer of an input: topic, process and host; empty: none
 }
 export function status(payload: DataView): Status {
   const r = new Reader(payload);
@@ -334,36 +317,14 @@ export function status(payload: DataView): Status {
     r.at += 4;
     return Array.from({ length: count }, () => ({ name: r.text(32), value: r.f64() }));
   };
-  // In the order of the frame's fields.
-  const head = {
-    stamp: r.stamp(),
-    rate: r.f64(),
-    nominalRate: r.f64(),
-    p50: r.f64(),
-    p99: r.f64(),
-    p999: r.f64(),
-    inputAge: r.f64(),
-    inputDrops: r.f64(),
-    steps: r.f64(),
-    misses: r.f64(),
-    residual: r.f64(),
-    penetration: r.f64(),
-    couplingStretch: r.f64(),
-    passivity: r.f64(),
-    processId: r.u32(),
-    iterations: r.u32(),
-    solverStatus: r.u32(),
-    contactCount: r.u32(),
-    inverted: r.u32(),
-  };
-  r.at += 4;
   return {
-    ...head,
+    stamp: r.stamp(),
     module: r.text(64),
+    secondWriter: r.text(128),
+    fields: Object.fromEntries(named().map(({ name, value }) => [name, value])),
     energies: named(),
     ledger: named(),
     counters: named(),
-    secondWriter: r.text(128),
   };
 }
 

@@ -28,7 +28,7 @@ export class Simulation {
     if (motors) this.device(status.module, motors.value !== 0);
     const pace = status.counters.find(({ name }) => name === "pace")?.value;
     if (pace === undefined) return;
-    if (status.iterations > 0) this.handRate = status.nominalRate;
+    if (status.fields.iterations > 0) this.handRate = status.fields.nominal_rate_hz;
     if (pace === this.pace) return;
     this.pace = pace;
     if (pace > 0) this.running = pace;
