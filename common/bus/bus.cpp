@@ -279,7 +279,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
 class WriterImpl final : public dds::DataWriterListener {
  public:
   WriterImpl(std::shared_ptr<ParticipantImpl> participant, const TopicRow& row, const TypeCodec& codec, int strength)
-      : participant_(std::move(participant)), last_matters_(row.rate_hz == 0 || row.name == topics::device_state.name) {
+      : participant_(std::move(participant)), last_matters_(row.rate_hz == 0 || row.last_matters) {
     dds::DataWriterQos qos = dds::DATAWRITER_QOS_DEFAULT;
     apply(qos, row);
     if (row.writers == Writers::strongest)
@@ -332,9 +332,7 @@ class WriterImpl final : public dds::DataWriterListener {
 
  private:
   std::shared_ptr<ParticipantImpl> participant_;
-  /// Commands, descriptions and the zero command of a device. Another stream could as well have ended one sample
-  /// earlier.
-  bool last_matters_;
+  bool last_matters_;  // another stream could as well have ended one sample earlier
   dds::DataWriter* writer_ = nullptr;
   std::atomic<std::chrono::steady_clock::time_point> last_write_{};
   std::atomic<int> readers_ = 0;

@@ -31,6 +31,9 @@ struct TopicRow {
   double rate_hz;     ///< nominal; 0 = on demand
   std::string_view writer;
   std::string_view readers;
+  /// The last sample of a writer that ends arrives, too: the zero command of a device. It does on every topic on
+  /// demand.
+  bool last_matters = false;
 };
 
 /// A row and the C++ struct of its samples.
@@ -54,7 +57,7 @@ inline constexpr int kSoftObjects = static_cast<int>(kMaxSoftObjects);
 // clang-format off
 // Three lines per row: first the variable, then the topic name and type. The third line has the other members of
 // TopicRow: reliability, durability, depth, max_instances, deadline_ms, liveliness_ms, lifespan_ms, writers,
-// rate_hz, writer, readers.
+// rate_hz, writer, readers, last_matters.
 inline constexpr Topic<Skeleton> tracked_skeleton{{
     "softhand/v1/tracked_skeleton", "softhand::v1::Skeleton",
     best_effort, vol,  1, kHands, 50, 50,   0, strongest, 90, "trackers", "tracking, hand (direct), viewer, recorder"}};
@@ -84,7 +87,7 @@ inline constexpr Topic<BoneWrench> bone_wrench{{
     best_effort, vol,  1, kHands,  0,  0,    0, one,   1000, "tracking, hand (direct)", "haptics, viewer, recorder"}};
 inline constexpr Topic<DeviceState> device_state{{
     "softhand/v1/device_state", "softhand::v1::DeviceState",
-    best_effort, vol,  1, 64,      0,  0,    0, one,    1000, "haptics, tactile", "cli, recorder"}};
+    best_effort, vol,  1, 64,      0,  0,    0, one,    1000, "haptics, tactile", "cli, recorder", true}};
 inline constexpr Topic<HeadPose> head_pose{{
     "softhand/v1/head_pose", "softhand::v1::HeadPose",
     best_effort, vol,  1, 16,      0,  0,    0, one,       90, "trackers", "tracking, hand (direct), recorder"}};

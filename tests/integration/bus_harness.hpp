@@ -2,6 +2,7 @@
 #pragma once
 
 #include <fcntl.h>
+#include <gtest/gtest.h>
 #include <signal.h>
 #include <spawn.h>
 #include <sys/wait.h>
@@ -109,6 +110,30 @@ std::unique_ptr<T> stamped(std::uint64_t seed, bool to_capacity = false) {
   message->stamp.clock_id = clock_id();
   message->stamp.sample_time = message->stamp.publish_time = time;
   return message;
+}
+
+/// A device's last command is zero. It must arrive although its writer leaves at once.
+template <typename T>
+void expect_last_samples_arrive(const Topic<T>& topic) {
+  const Participant there("there", testing::own_domain());
+  Reader<T> reader(there, topic);
+  constexpr std::uint64_t kBurst = 200;  // the reader has a backlog when the writer goes
+  for (std::uint64_t round = 1; round <= 10; ++round) {
+    {
+      const Participant here("here", testing::own_domain());
+      Writer<T> writer(here, topic);
+      ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+      T sample;
+      for (sample.stamp.sequence = 1; sample.stamp.sequence <= kBurst; ++sample.stamp.sequence) writer.write(sample);
+    }
+    T last;
+    EXPECT_TRUE(eventually([&] {
+      reader.take_latest(last);
+      return last.stamp.sequence == kBurst;
+    })) << "round "
+        << round;
+    ASSERT_TRUE(eventually([&] { return reader.writer_count() == 0; }));
+  }
 }
 
 /// The lines of `text` that contain `part`.
