@@ -24,6 +24,21 @@ inline std::optional<double> parse_number(std::string_view text) {
   return value;
 }
 
+/// Parses three such numbers with spaces between them.
+inline std::optional<Vector3> parse_vector(std::string_view text) {
+  Vector3 vector;
+  for (double& component : vector) {
+    text.remove_prefix(std::min(text.find_first_not_of(' '), text.size()));
+    const std::string_view word = text.substr(0, text.find(' '));
+    const std::optional<double> value = parse_number(word);
+    if (!value) return std::nullopt;
+    component = *value;
+    text.remove_prefix(word.size());
+  }
+  if (text.find_first_not_of(' ') != std::string_view::npos) return std::nullopt;
+  return vector;
+}
+
 /// The reply of `module`. The sender of the reply must fill in its stamp.
 inline MessageReply reply_to(const Message& message, std::string_view module, std::uint32_t result,
                              std::string_view text) {

@@ -8,6 +8,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -48,7 +49,9 @@ concept Visited = requires(T& value) {
 }  // namespace plain_detail
 
 /// Visits `value` and all that is in it. A visitor has `bytes(pointer, size)` for numbers, `count(n)` for the number of
-/// elements of a vector (it returns the number to use), and `enter(i)` and `leave()` around each part.
+/// elements of a vector (it returns the number to use), and `enter(i)` and `leave()` around each part. One that changes
+/// values has `require(size)`, too: it throws unless so many bytes follow. So a wrong count allocates no more memory
+/// than the bytes can fill.
 template <typename Visitor, typename T>
 void visit_plain(Visitor& visitor, T& value) {
   using namespace plain_detail;
@@ -72,6 +75,11 @@ void visit_plain(Visitor& visitor, T& value) {
       const auto rows = static_cast<Eigen::Index>(visitor.count(static_cast<std::size_t>(value.rows())));
       const auto columns = static_cast<Eigen::Index>(visitor.count(static_cast<std::size_t>(value.cols())));
       if constexpr (!std::is_const_v<T>) {
+        // Eigen does not check the shape, and would use memory that it has not allocated.
+        if ((Plain::RowsAtCompileTime != Eigen::Dynamic && rows != Plain::RowsAtCompileTime) ||
+            (Plain::ColsAtCompileTime != Eigen::Dynamic && columns != Plain::ColsAtCompileTime))
+          throw std::runtime_error("a matrix in the record has another shape");
+        visitor.require(static_cast<std::size_t>(rows * columns) * sizeof(typename Plain::Scalar));
         if (rows != value.rows() || columns != value.cols()) value.resize(rows, columns);
       }
     }
@@ -82,8 +90,21 @@ void visit_plain(Visitor& visitor, T& value) {
     visit_items(value.data(), value.size());
   } else if constexpr (is_vector<Plain> || std::is_same_v<Plain, std::string>) {
     const std::size_t size = visitor.count(value.size());
-    if constexpr (!std::is_const_v<T>) value.resize(size);
-    visit_items(value.data(), value.size());
+    if constexpr (std::is_const_v<T>) {
+      visit_items(value.data(), size);
+    } else if constexpr (Number<typename Plain::value_type>) {
+      visitor.require(size * sizeof(typename Plain::value_type));
+      value.resize(size);
+      visit_items(value.data(), size);
+    } else {
+      value.resize(std::min(size, value.size()));
+      for (std::size_t i = 0; i < size; ++i) {
+        if (i == value.size()) value.emplace_back();
+        visitor.enter(i);
+        visit_plain(visitor, value[i]);
+        visitor.leave();
+      }
+    }
   } else if constexpr (is_bounded<Plain>) {
     const std::size_t size = visitor.count(value.size());
     if constexpr (!std::is_const_v<T>) {
@@ -156,9 +177,17 @@ class ByteReader {
   }
   std::span<const std::byte> rest() const { return rest_; }
 
-  void bytes(void* to, std::size_t size) {
+  void require(std::size_t size) const {
     if (size > rest_.size()) throw std::runtime_error("the record is too short");
-    std::memcpy(to, rest_.data(), size);
+  }
+  template <typename T>
+  void bytes(T* to, std::size_t size) {
+    require(size);
+    const std::span<const std::byte> from = rest_.first(size);
+    // Any other byte in a bool is undefined behaviour.
+    if (std::is_same_v<T, bool> && std::ranges::any_of(from, [](std::byte each) { return each > std::byte{1}; }))
+      throw std::runtime_error("a truth value in the record is neither 0 nor 1");
+    std::memcpy(to, from.data(), size);
     rest_ = rest_.subspan(size);
   }
   std::size_t count(std::size_t) {

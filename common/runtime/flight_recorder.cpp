@@ -130,7 +130,8 @@ void FlightRecorder::write_file() {
       const std::uint16_t record_channel = file.add_channel({kFlightRecordTopic, "softhand-flight", "", "", ""});
       auto header = nlohmann::ordered_json::parse(header_);
       header["reason"] = reason_.data();
-      const std::string text = header.dump();
+      // The reason of a message may be cut within a character, or be no text at all.
+      const std::string text = header.dump(-1, ' ', false, nlohmann::ordered_json::error_handler_t::replace);
       file.write(header_channel, 0, 0, 0, std::as_bytes(std::span(text)));
       std::uint32_t sequence = 0;
       std::vector<std::byte> payload;

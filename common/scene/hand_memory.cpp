@@ -1,4 +1,5 @@
 // The saved state of a hand simulation: its own values, and the memory of each term.
+#include <array>
 #include <stdexcept>
 #include <utility>
 
@@ -29,12 +30,17 @@ void HandSimulation::save(ByteWriter& out) const {
 }
 
 void HandSimulation::load(ByteReader& in) {
-  const std::size_t nodes = static_cast<std::size_t>(state_.node_positions.cols()), bodies = state_.body_poses.size();
-  const std::size_t bones = bone_contact_forces_.size();
+  const auto layout = [this] {
+    return std::array{static_cast<std::size_t>(state_.node_positions.cols()),
+                      static_cast<std::size_t>(state_.node_velocities.cols()),
+                      state_.body_poses.size(),
+                      state_.body_velocities.size(),
+                      modes_.size(),
+                      bone_contact_forces_.size()};
+  };
+  const auto own = layout();
   visit_own(*this, [&in](auto& value) { in.read(value); });
-  if (static_cast<std::size_t>(state_.node_positions.cols()) != nodes || state_.body_poses.size() != bodies ||
-      bone_contact_forces_.size() != bones)
-    throw std::runtime_error("the saved state has another layout than the hand");
+  if (layout() != own) throw std::runtime_error("the saved state has another layout than the hand");
   try {
     for (const auto& term : terms_) term->load_memory(in);
     for (const auto& hand : hands_) hand->untangler().load(in.take<Untangler::Memory>());

@@ -7,7 +7,8 @@ namespace softhand {
 std::string_view to_string(StepStatus status) {
   constexpr std::array<std::string_view, 6> names{
       "converged", "iteration_limit", "budget_spent", "failed_factorisation", "nonfinite", "refused"};
-  return names[static_cast<std::size_t>(status)];
+  const auto index = static_cast<std::size_t>(status);
+  return index < names.size() ? names[index] : "unknown";
 }
 
 double StepReport::rounding() const {

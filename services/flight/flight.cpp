@@ -1,34 +1,13 @@
 #include "flight/flight.hpp"
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 
 #include "math/instruction_set.hpp"
 
 namespace softhand {
-namespace {
-
-using Json = nlohmann::ordered_json;
-constexpr int kVersion = 4;
-
-// One list of the fields serves writing and reading.
-template <typename Header, typename Visit>
-void for_each_field(Header& header, Visit&& visit) {
-  visit("loop", header.loop);
-  visit("module", header.module);
-  visit("scene", header.scene);
-  visit("scene_text", header.scene_text);
-  visit("overrides", header.overrides);
-  visit("calibrations", header.calibrations);
-  visit("hands", header.hands);
-  visit("build", header.build);
-  visit("instruction_set", header.instruction_set);
-  visit("reason", header.reason);
-}
-
-}  // namespace
 
 std::string hash_text(const HandModel& hand) {
   struct Bases : HandAnatomy, TissueModel {};
@@ -53,6 +32,7 @@ FlightHeader flight_header(std::string loop, std::string module, std::span<const
     header.calibrations.push_back(scenes[h].calibration ? scenes[h].calibration->text : "");
     header.hands.push_back(hash_text(hands[h]));
   }
+  header.build = kFlightBuild;
   header.instruction_set = to_string(widest_instruction_set());
   return header;
 }
@@ -61,35 +41,17 @@ std::vector<Scene> scenes_of(const FlightHeader& header) {
   std::vector<std::string> overrides = header.overrides;
   overrides.emplace_back("calibration=none");
   std::vector<Scene> scenes{read_scene_text(header.scene, header.scene_text, overrides)};
+  if (header.hands.size() > std::max<std::size_t>(scenes[0].hands.size(), 1))
+    throw std::runtime_error("the flight file has more hands than its scene");
   for (std::size_t h = 1; h < header.hands.size(); ++h) {
-    overrides.push_back("plays=" + scenes[0].hands.at(h));
+    overrides.push_back("plays=" + scenes[0].hands[h]);
     scenes.push_back(read_scene_text(header.scene, header.scene_text, overrides));
   }
-  for (std::size_t h = 0; h < header.calibrations.size(); ++h) {
+  for (std::size_t h = 0; h < header.hands.size(); ++h) {
     const std::string &text = header.calibrations[h], path = "the calibration in the flight file";
-    if (!text.empty()) scenes.at(h).calibration = Calibration{path, text, read_user_hand(text, path)};
+    if (!text.empty()) scenes[h].calibration = Calibration{path, text, read_user_hand(text, path)};
   }
   return scenes;
-}
-
-std::string to_json(const FlightHeader& header) {
-  Json json{{"version", kVersion}};
-  for_each_field(header, [&json](const char* name, const auto& value) { json[name] = value; });
-  return json.dump();
-}
-
-FlightHeader flight_header_from_json(const std::string& text) {
-  try {
-    const Json json = Json::parse(text);
-    if (json.at("version").get<int>() != kVersion)
-      throw std::runtime_error("the flight file has version " + json.at("version").dump() + ", expected " +
-                               std::to_string(kVersion));
-    FlightHeader header;
-    for_each_field(header, [&json](const char* name, auto& value) { json.at(name).get_to(value); });
-    return header;
-  } catch (const Json::exception& error) {
-    throw std::runtime_error(std::string("the header of the flight file is broken: ") + error.what());
-  }
 }
 
 std::unique_ptr<FlightRecorder> make_flight_recorder(const FlightOptions& options, const FlightHeader& header,

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "device/answer.hpp"
+#include "flight/flight_header.hpp"
 #include "messages/convert.hpp"
 #include "messages/plain_bytes.hpp"
 #include "runtime/flight_recorder.hpp"
@@ -30,20 +31,6 @@ inline constexpr std::uint8_t kFlightJoint = kFlightInput + 4;
 /// Hash of the libraries that compute bits.
 extern const char* const kFlightBuild;
 
-/// Everything that is needed to make the loop of a file again.
-struct FlightHeader {
-  std::string loop;                    ///< hand, tracking or world
-  std::string module;                  ///< name of the process
-  std::string scene;                   ///< absolute path; files that the scene names are searched beside it
-  std::string scene_text;              ///< TOML
-  std::vector<std::string> overrides;  ///< of the command line, and what the process chose at its start
-  // By hand of the process. A loop without a hand has none.
-  std::vector<std::string> calibrations;  ///< text of the user's file, to which the hand was fitted; empty: none
-  std::vector<std::string> hands;         ///< hash of the hand model
-  std::string build = kFlightBuild;
-  std::string instruction_set;  ///< the widest one of this machine's processor
-  std::string reason;           ///< of the file
-};
 /// The header of a process that runs now. `scenes`: of its hands, or one scene. `hands`: empty for a loop without a
 /// hand.
 FlightHeader flight_header(std::string loop, std::string module, std::span<const Scene> scenes,
@@ -51,9 +38,6 @@ FlightHeader flight_header(std::string loop, std::string module, std::span<const
 /// The scenes of a file, one by one as in `flight_header`. Files that they name are read as they are now, except the
 /// calibration.
 std::vector<Scene> scenes_of(const FlightHeader& header);
-std::string to_json(const FlightHeader& header);
-/// Throws std::runtime_error if the text is not a header.
-FlightHeader flight_header_from_json(const std::string& text);
 std::string hash_text(const HandModel& hand);
 
 /// The recorder of a process, or null if the scene wants none. `folder` may be empty: then files for faults and on

@@ -31,18 +31,26 @@ struct FlightTraits<HandLoop> {
   /// Steps with a recorded input. Samples live in here, because they are large.
   class Repeater {
    public:
-    void step(HandLoop& loop, Nanoseconds now, ByteReader& in) {
-      const auto requested = in.take<RequestedOutputs>();
+    struct Step {
+      RequestedOutputs requested;
       HandInput input;
-      input.skeleton = read_optional(in, samples_->skeleton);
-      input.head = read_optional(in, samples_->head);
-      input.world = read_optional(in, samples_->world);
-      samples_->other_hands.resize(in.take<std::uint32_t>());
-      for (ObjectCoupling& coupling : samples_->other_hands) in.read(coupling);
-      input.other_hands = samples_->other_hands;
-      input.work_budget = in.take<double>();
-      input.second_skeleton = read_optional(in, samples_->second_skeleton);
-      loop.step(now, input, requested);
+    };
+    /// Valid until the next call.
+    Step read(ByteReader& in) {
+      Step result;
+      in.read(result.requested);
+      result.input.skeleton = read_optional(in, samples_->skeleton);
+      result.input.head = read_optional(in, samples_->head);
+      result.input.world = read_optional(in, samples_->world);
+      in.read(samples_->other_hands);
+      result.input.other_hands = samples_->other_hands;
+      in.read(result.input.work_budget);
+      result.input.second_skeleton = read_optional(in, samples_->second_skeleton);
+      return result;
+    }
+    void step(HandLoop& loop, Nanoseconds now, ByteReader& in) {
+      const Step recorded = read(in);
+      loop.step(now, recorded.input, recorded.requested);
     }
     void describe(HandLoop& loop, std::uint8_t kind, ByteReader& in) {
       try {

@@ -23,7 +23,8 @@ struct FlightTraits<TrackingLoop> {
   }
   class Repeater {
    public:
-    void step(TrackingLoop& loop, Nanoseconds now, ByteReader& in) {
+    /// Valid until the next call.
+    TrackingInput read(ByteReader& in) {
       TrackingInput input;
       in.read(input.wrench_requested);
       in.read(input.ledger_requested);
@@ -31,8 +32,9 @@ struct FlightTraits<TrackingLoop> {
       input.simulated = read_optional(in, samples_->simulated);
       input.head = read_optional(in, samples_->head);
       input.contacts = read_optional(in, samples_->contacts);
-      loop.step(now, input);
+      return input;
     }
+    void step(TrackingLoop& loop, Nanoseconds now, ByteReader& in) { loop.step(now, read(in)); }
     void describe(TrackingLoop&, std::uint8_t, ByteReader&) {}
 
    private:

@@ -21,13 +21,12 @@ struct FlightTraits<WorldLoop> {
   }
   class Repeater {
    public:
-    void step(WorldLoop& loop, Nanoseconds now, ByteReader& in) {
-      if (in.take<bool>()) {
-        couplings_.resize(in.take<std::uint32_t>());
-        for (ObjectCoupling& coupling : couplings_) in.read(coupling);
-      }
-      loop.step(now, {couplings_});
+    /// Valid until the next call.
+    WorldInput read(ByteReader& in) {
+      if (in.take<bool>()) in.read(couplings_);
+      return {couplings_};
     }
+    void step(WorldLoop& loop, Nanoseconds now, ByteReader& in) { loop.step(now, read(in)); }
     void describe(WorldLoop&, std::uint8_t, ByteReader&) {}
 
    private:

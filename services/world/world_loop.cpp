@@ -6,6 +6,7 @@
 #include <stdexcept>
 #include <tuple>
 
+#include "device/answer.hpp"
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -609,12 +610,8 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     describe(slot, true);
     return result_of(kReplyApplied, "removed");
   }
-  Vector3 to;
-  const std::string numbers(value.substr(name.size()));
-  int read = 0;
-  if (std::sscanf(numbers.c_str(), "%lf %lf %lf %n", &to.x(), &to.y(), &to.z(), &read) != 3 ||
-      static_cast<std::size_t>(read) != numbers.size() || !to.allFinite() || to.norm() > 1000)
-    return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
+  const std::optional<Vector3> to = parse_vector(value.substr(name.size()));
+  if (!to || to->norm() > 1000) return result_of(kReplyRefused, "expected NAME X Y Z in metres, within 1000");
   for (const Joint& joint : joints_) {
     if (joint.present && (joint.engine.parent == slot || objects_[joint.engine.child].assembly == object->assembly) &&
         !objects_[joint.engine.parent].dynamic)
@@ -622,7 +619,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
   }
   // The message gives the place of the shape's frame, as in the scene file. The pose is that of the body frame.
   const Pose& body_frame = object->solid.body_frame;
-  const Vector3 place = to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
+  const Vector3 place = *to + object->pose.orientation * (body_frame.orientation.conjugate() * body_frame.position);
   const Vector3 shift = place - object->pose.position;
   for (std::size_t link = 0; link < objects_.size(); ++link) {
     Object& each = objects_[link];

@@ -10,6 +10,11 @@
 
 #include "bus/cdr.hpp"
 #include "bus/topics.hpp"
+#include "bus/user_data.hpp"
+#include "flight/flight_header.hpp"
+#include "flight/hand_flight.hpp"
+#include "flight/world_flight.hpp"
+#include "fuzz/flight_fuzzer.hpp"
 #include "fuzz/fuzzer.hpp"
 #include "fuzz/tracker_fuzzer.hpp"
 #include "haptics/haply/haply_messages.hpp"
@@ -18,6 +23,7 @@
 #include "mesh_files/mesh_file.hpp"
 #include "model/hand_model.hpp"
 #include "model/object_model.hpp"
+#include "model/state.hpp"
 #include "runtime/record_file.hpp"
 #include "support/block_hand.hpp"
 #include "support/webxr_frame.hpp"
@@ -368,6 +374,69 @@ void add_mesh_files(Seeds& seeds) {
              rest);
 }
 
+void add_user_data(Seeds& seeds) {
+  const std::string of_participant = bus::detail::user_data_of(7, "demo");
+  const bus::detail::Endpoint endpoint{"topic", "softhand::v1::Contacts", "hand", 0x1234567890abcdef, 7};
+  const std::string of_endpoint = bus::detail::user_data_of(endpoint);
+  expect(bus::detail::peer_of("hand", of_participant).has_value(), "user_data: the peer is accepted");
+  expect(bus::detail::endpoint_of(endpoint.topic, endpoint.type, of_endpoint) == endpoint,
+         "user_data: the endpoint is accepted");
+  seeds.add("user_data", "\x04hand" + of_participant);
+  seeds.add("user_data", static_cast<char>(endpoint.type.size()) + endpoint.type + of_endpoint);
+}
+
+// `write(ByteWriter&)` writes the part.
+template <typename Write>
+void add_flight_part(Seeds& seeds, FlightPart part, Write&& write) {
+  std::vector<std::byte> memory(1 << 20);
+  ByteWriter out(memory);
+  write(out);
+  memory.resize(out.size());
+  seeds.add("flight", static_cast<char>(part) + text_of(memory));
+}
+
+void add_flight(Seeds& seeds) {
+  const FlightHeader header{"hand", "hand", "/scene.toml", "name = \"scene\"", {"hand.side=right"}, {""}, {"0123"}, {},
+                            {},     {}};
+  expect(flight_header_from_json(to_json(header)) == header, "flight: the header is accepted");
+  seeds.add("flight", static_cast<char>(FlightPart::header) + to_json(header));
+
+  const auto skeleton = std::make_unique<Skeleton>();
+  const auto contacts = std::make_unique<Contacts>();
+  const auto world = std::make_unique<WorldObjects>();
+  const HeadPose head;
+  skeleton->stamp.sequence = 1;
+  world->objects.push_back({});
+  const std::vector<ObjectCoupling> couplings(2);
+  const TrackingInput tracking{skeleton.get(), nullptr, &head, contacts.get()};
+  add_flight_part(seeds, FlightPart::tracking_step,
+                  [&](ByteWriter& out) { FlightTraits<TrackingLoop>::write_input(out, tracking, false); });
+  const HandInput hand{skeleton.get(), &head, world.get(), couplings};
+  add_flight_part(seeds, FlightPart::hand_step, [&](ByteWriter& out) {
+    FlightTraits<HandLoop>::write_input(out, {hand, {}}, false);
+  });
+  add_flight_part(seeds, FlightPart::world_step,
+                  [&](ByteWriter& out) { FlightTraits<WorldLoop>::write_input(out, {{couplings}}, true); });
+  add_flight_part(seeds, FlightPart::tracking_snapshot,
+                  [](ByteWriter& out) { FlightTraits<TrackingLoop>::save(flight_loop(), out); });
+  add_flight_part(seeds, FlightPart::hand_state, [](ByteWriter& out) {
+    out.write(State{Eigen::Matrix3Xd::Zero(3, 4), Eigen::Matrix3Xd::Zero(3, 4), {{}}, {{}}});
+  });
+  add_flight_part(seeds, FlightPart::message, [](ByteWriter& out) { out.write(Message{}); });
+  add_flight_part(seeds, FlightPart::object, [](ByteWriter& out) { out.write(ObjectDescription{}); });
+  add_flight_part(seeds, FlightPart::joint, [](ByteWriter& out) { out.write(ObjectJointDescription{}); });
+  add_flight_part(seeds, FlightPart::result, [](ByteWriter& out) { out.write(FlightResult{}); });
+}
+
+// One line for each message: key, blank, value.
+void add_messages(Seeds& seeds) {
+  seeds.add("message", "motors on\nmotors off\ngain 0.5\n");
+  seeds.add("message", "reposition \nfeedback_ratio 0.05\n");
+  seeds.add("message", "pace 0.1\nadvance 0.0111111111\npace 0\nreset \npace 1\n");
+  seeds.add("message", "prompt 3 grasp the cube\n");
+  seeds.add("message", "object.teleport 0.1 -0.2  3e-2\n");
+}
+
 }  // namespace
 }  // namespace softhand::fuzz
 
@@ -399,4 +468,7 @@ int main(int argc, char** argv) {
   fuzz::add_weart(seeds);
   fuzz::add_page(seeds);
   fuzz::add_mesh_files(seeds);
+  fuzz::add_user_data(seeds);
+  fuzz::add_flight(seeds);
+  fuzz::add_messages(seeds);
 }

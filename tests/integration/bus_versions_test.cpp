@@ -27,7 +27,7 @@ namespace {
 Topic<DeviceState2> second_version() {
   Topic<DeviceState2> topic{TopicRow(topics::device_state)};
   topic.name = "softhand/v2/device_state";
-  topic.type = "softhand::v2::DeviceState";
+  topic.type = "softhand::v2::DeviceState2";
   return topic;
 }
 

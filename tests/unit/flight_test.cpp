@@ -94,6 +94,63 @@ TEST(PlainBytes, RefusesBytesThatAreTooShort) {
   EXPECT_THROW(in.read(pose), std::runtime_error);
 }
 
+// A count of a file is four bytes. It must not allocate gigabytes.
+TEST(PlainBytes, RefusesACountThatTheBytesCannotFill) {
+  std::vector<std::byte> memory(8);
+  ByteWriter out(memory);
+  out.write(std::uint32_t{9'000'000});
+  ByteReader text(memory), numbers(memory), structs(memory);
+  EXPECT_THROW(text.take<std::string>(), std::runtime_error);
+  EXPECT_THROW(numbers.take<std::vector<double>>(), std::runtime_error);
+  std::vector<ObjectCoupling> couplings;
+  EXPECT_THROW(structs.read(couplings), std::runtime_error);
+  EXPECT_LE(couplings.size(), 1u);
+}
+
+TEST(PlainBytes, RefusesAMatrixOfAnotherShape) {
+  std::vector<std::byte> memory(1000);
+  for (const std::array<std::uint32_t, 2> shape : {std::array{1u, 5u}, std::array{5u, 3u}, std::array{0u, 2u}}) {
+    ByteWriter out(memory);
+    out.write(shape);
+    ByteReader in(memory);
+    EXPECT_THROW(in.take<Eigen::Matrix3Xd>(), std::runtime_error) << shape[0] << " x " << shape[1];
+  }
+  for (const std::array<std::uint32_t, 2> shape : {std::array{5u, 0u}, std::array{5u, 2u}}) {
+    ByteWriter out(memory);
+    out.write(shape);
+    ByteReader in(memory);
+    EXPECT_THROW(in.take<Eigen::VectorXd>(), std::runtime_error) << shape[0] << " x " << shape[1];
+  }
+}
+
+TEST(PlainBytes, RefusesATruthValueThatIsNone) {
+  const std::array memory{std::byte{1}, std::byte{2}};
+  ByteReader in(memory);
+  EXPECT_TRUE(in.take<bool>());
+  EXPECT_THROW(in.take<bool>(), std::runtime_error);
+}
+
+TEST(FlightFiles, AHeaderWithoutACalibrationForEachHandIsRefused) {
+  FlightHeader header;
+  header.hands = {"one", "two"};
+  header.calibrations = {"", "text"};
+  EXPECT_EQ(flight_header_from_json(to_json(header)), header);
+  header.calibrations.pop_back();
+  EXPECT_THROW(flight_header_from_json(to_json(header)), std::runtime_error);
+}
+
+TEST(FlightFiles, AHeaderWithMoreHandsThanTheSceneIsRefused) {
+  FlightHeader header;
+  header.scene = SOFTHAND_SOURCE_DIR "/config/scenes/pinch_lift.toml";
+  header.hands = header.calibrations = {"", ""};
+  EXPECT_THROW(scenes_of(header), std::runtime_error);
+}
+
+TEST(FlightFiles, AnUnknownStatusHasAText) {
+  EXPECT_STREQ(FlightTraits<HandLoop>::status_text(0), "converged");
+  EXPECT_STREQ(FlightTraits<HandLoop>::status_text(1'000'000), "unknown");
+}
+
 // --- saved states ------------------------------------------------------------------------------------
 
 template <typename Loop>
@@ -202,6 +259,21 @@ TEST(HandRestore, RefusesTheStateOfAnotherHand) {
   const std::vector<std::byte> bytes = saved(one);
   ByteReader in(bytes);
   EXPECT_THROW(other.load(in), std::runtime_error);
+}
+
+TEST(HandRestore, RefusesAStateWithAVelocityTooFew) {
+  HandSimulation simulation(hand(), hand_options().simulation, 0, 0);
+  std::vector<std::byte> memory(4'000'000), changed(memory.size());
+  ByteWriter out(memory);
+  simulation.save(out);
+  ByteReader in(out.written());
+  ByteWriter writer(changed);
+  writer.write(in.take<Eigen::Matrix3Xd>());
+  const auto velocities = in.take<Eigen::Matrix3Xd>();
+  writer.write(Eigen::Matrix3Xd(velocities.leftCols(velocities.cols() - 1)));
+  writer.bytes(in.rest().data(), in.rest().size());
+  ByteReader broken(writer.written());
+  EXPECT_THROW(simulation.load(broken), std::runtime_error);
 }
 
 // A target that is not finite makes the step fail. The loop itself refuses such inputs.
@@ -484,6 +556,15 @@ TEST_F(Recorder, WritesAFileWhileTheLoopRecordsOn) {
       next = i + 1;
     }
   }
+}
+
+// A reason comes from a message. Its end may be half a character.
+TEST_F(Recorder, WritesAFileForAReasonThatIsNoText) {
+  auto recorder = make({});
+  recorder->begin_segment(kStart, [](ByteWriter& out) { out.write(7); });
+  recorder->finish("h\xc3");
+  ASSERT_EQ(files().size(), 1u);
+  EXPECT_EQ(files()[0].extension(), ".flight");
 }
 
 TEST_F(Recorder, AStepWithARecorderAllocatesNothing) {

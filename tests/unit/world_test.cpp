@@ -282,6 +282,7 @@ TEST(WorldMessages, AcceptsNamesWithBlanks) {
   EXPECT_EQ(send("object.teleport", "cube 0.3 0.2 0.3"), kReplyApplied);
   EXPECT_EQ(send("object.teleport", "cube 2 3"), kReplyRefused) << "two numbers";
   EXPECT_EQ(send("object.teleport", "cube 0 0 0 0"), kReplyRefused) << "four numbers";
+  EXPECT_EQ(send("object.teleport", "cube 0x1 0 0"), kReplyRefused) << "no decimal number";
   EXPECT_EQ(send("object.teleport", "the cube"), kReplyRefused);
   const WorldOutput& out = world.step(4000000, {});
   EXPECT_NEAR(object(out, 2).position[0], 0.3, 1e-6);
