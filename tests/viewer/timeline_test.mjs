@@ -20,7 +20,7 @@ const [HAND, NODES, CONTACTS, OBJECT, STATUS] = [1, 2, 6, 8, 10];
 /** A frame whose payload is the number `value`. */
 function frame(type, value, instance = 1) {
   const bytes = Buffer.alloc(24);
-  [0x46564853, 2 | (type << 16), 8, instance].forEach((word, i) => bytes.writeUInt32LE(word, 4 * i));
+  [0x46564853, 3 | (type << 16), 8, instance].forEach((word, i) => bytes.writeUInt32LE(word, 4 * i));
   bytes.writeDoubleLE(value, 16);
   return { type, instance, payload: new DataView(bytes.buffer, bytes.byteOffset + 16, 8) };
 }
