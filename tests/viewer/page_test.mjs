@@ -503,7 +503,8 @@ test("data that a new gateway does not send disappears", async () => {
   await until("connected again", async () => (await state()) === "open");
   await pause(1500); // the gateway's state comes twice per second
   await drawn();
-  assert.equal(difference(empty, await pixels()), 0);
+  // One pixel may differ if the page has changed its resolution, because drawing took long.
+  assert.ok(difference(empty, await pixels()) < 0.0002);
   source = publisher();
   await until("the new data", async () => difference(empty, await pixels()) > 0.004);
   for (const id of shown.slice(3)) await page.click(id);
