@@ -48,10 +48,10 @@ concept Visited = requires(T& value) {
 
 }  // namespace plain_detail
 
-/// Visits `value` and all that is in it. A visitor has `bytes(pointer, size)` for numbers, `count(n)` for the number of
-/// elements of a vector (it returns the number to use), and `enter(i)` and `leave()` around each part. One that changes
-/// values has `require(size)`, too: it throws unless so many bytes follow. So a wrong count allocates no more memory
-/// than the bytes can fill.
+/// Visits `value` and all that is in it. A visitor has `bytes(pointer, size)` for numbers, and `enter(i)` and `leave()`
+/// around each part. `count(n)` gets the number of elements of a vector and returns the number to use. A visitor that
+/// changes values has `require(size)`, too: it throws unless so many bytes follow. So a wrong count allocates no more
+/// memory than the bytes can fill.
 template <typename Visitor, typename T>
 void visit_plain(Visitor& visitor, T& value) {
   using namespace plain_detail;
