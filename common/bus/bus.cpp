@@ -394,9 +394,10 @@ class ReaderImpl final : public dds::DataReaderListener {
           continue;
         }
         Stamp& stamp = codec_.stamp(received);
-        // What stays readable for late readers counts without its time, too.
-        if (!participant_->clocks().to_local(stamp) && stays_readable_) stamp.sample_time = 0;
-        if (has_outlived(stamp)) {
+        const bool is_local = participant_->clocks().to_local(stamp);
+        // Descriptions and messages of an unknown clock are of use without a time. A time of that clock would mislead.
+        if (!is_local && stays_readable_) stamp.sample_time = 0;
+        if (is_local && has_outlived(stamp)) {
           outlived_.fetch_add(1, std::memory_order_relaxed);
           continue;
         }
@@ -439,10 +440,10 @@ class ReaderImpl final : public dds::DataReaderListener {
   }
 
  private:
-  /// Whether the sample is older than its topic allows, or from the future. A stamp without a time, or of another host
-  /// whose clock is not known, says nothing.
+  /// Whether the sample is older than its topic allows, or from the future. `stamp` has times of this host's clock. A
+  /// publish time of 0 is unknown.
   bool has_outlived(const Stamp& stamp) const {
-    if (lifespan_ == 0 || stamp.publish_time == 0 || !is_on_clock(stamp, clock_id())) return false;
+    if (lifespan_ == 0 || stamp.publish_time == 0) return false;
     const std::optional<double> age = age_of(stamp.publish_time, now());
     return !age || *age > lifespan_;
   }

@@ -32,16 +32,12 @@ inline bool is_known(const HostClock& clock) {
   return clock.uncertainty >= 0 && clock.uncertainty <= kMostClockUncertainty;
 }
 
-/// True if the times of the stamp are of the clock `own_clock`. A clock id of 0 stands for this host. The readers of
-/// the bus give stamps of other hosts the times of `own_clock`, if its offset is known.
-inline bool is_on_clock(const Stamp& stamp, std::uint32_t own_clock) {
-  return stamp.clock_id == 0 || stamp.clock_id == own_clock;
-}
-
 /// True if the stamp can be used at `now`, the time of this host. Neither its sample nor its publication is then in the
-/// future, and the clock `own_clock` made it.
+/// future, and the clock `own_clock` made it. A clock id of 0 stands for this host. The readers of the bus give
+/// stamps of other hosts the times of `own_clock`, if its offset is known.
 inline bool is_usable(const Stamp& stamp, Nanoseconds now, std::uint32_t own_clock) {
-  return is_on_clock(stamp, own_clock) && age_of(stamp.sample_time, now) && age_of(stamp.publish_time, now);
+  return (stamp.clock_id == 0 || stamp.clock_id == own_clock) && age_of(stamp.sample_time, now) &&
+         age_of(stamp.publish_time, now);
 }
 
 }  // namespace softhand

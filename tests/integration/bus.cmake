@@ -10,7 +10,7 @@ target_link_libraries(cyclone_subscriber PRIVATE softhand_idl_cyclone)
 
 softhand_test(bus LIVE ${CMAKE_CURRENT_LIST_DIR}/bus_test.cpp ${CMAKE_CURRENT_LIST_DIR}/bus_admission_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/bus_cyclone_test.cpp ${CMAKE_CURRENT_LIST_DIR}/bus_versions_test.cpp
-  ${CMAKE_CURRENT_LIST_DIR}/bus_writers_test.cpp LINK softhand_bus)
+  ${CMAKE_CURRENT_LIST_DIR}/bus_writers_test.cpp ${PROJECT_SOURCE_DIR}/tests/support/wall_clock.cpp LINK softhand_bus)
 add_dependencies(test_bus bus_publisher cyclone_subscriber)
 target_compile_definitions(test_bus PRIVATE BUS_PUBLISHER="$<TARGET_FILE:bus_publisher>"
   CYCLONE_SUBSCRIBER="$<TARGET_FILE:cyclone_subscriber>")

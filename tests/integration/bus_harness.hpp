@@ -112,6 +112,17 @@ std::unique_ptr<T> stamped(std::uint64_t seed, bool to_capacity = false) {
   return message;
 }
 
+/// A writer and a reader of a topic that have found each other, in two participants.
+template <typename T>
+struct ConnectedPair {
+  explicit ConnectedPair(const Topic<T>& topic) : writer(here, topic), reader(there, topic) {
+    EXPECT_TRUE(eventually([this] { return writer.has_readers() && reader.writer_count() == 1; }));
+  }
+  const Participant here{"here", testing::own_domain()}, there{"there", testing::own_domain()};
+  Writer<T> writer;
+  Reader<T> reader;
+};
+
 /// A device's last command is zero. It must arrive although its writer leaves at once.
 template <typename T>
 void expect_last_samples_arrive(const Topic<T>& topic) {

@@ -1,29 +1,14 @@
 // The bus over real DDS: what arrives, and who is there.
 #include "bus/bus.hpp"
 
-#include <dlfcn.h>
 #include <gtest/gtest.h>
-#include <time.h>
 
 #include <algorithm>
 #include <cstdlib>
 
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
-
-namespace softhand::bus::bus_test {
-namespace {
-thread_local time_t wall_clock_shift = 0;  // s, of this thread
-}
-}  // namespace softhand::bus::bus_test
-
-// All libraries of this program call it. Fast DDS stamps a sample in the thread that writes.
-extern "C" int clock_gettime(clockid_t clock, timespec* out) noexcept {
-  static const auto real = reinterpret_cast<int (*)(clockid_t, timespec*)>(dlsym(RTLD_NEXT, "clock_gettime"));
-  const int result = real(clock, out);
-  if (clock == CLOCK_REALTIME) out->tv_sec += softhand::bus::bus_test::wall_clock_shift;
-  return result;
-}
+#include "support/wall_clock.hpp"
 
 namespace softhand::bus::bus_test {
 namespace {
@@ -138,33 +123,25 @@ TEST(Bus, LateReadersGetEveryDescription) {
 }
 
 TEST(Bus, EveryMessageArrivesInOrder) {
-  const Participant here("here", testing::own_domain());
-  const Participant there("there", testing::own_domain());
-  Writer writer(here, topics::message);
-  Reader reader(there, topics::message);
-  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  ConnectedPair pair(topics::message);
   Message message;
-  for (message.id = 1; message.id <= 50; ++message.id) writer.write(message);
+  for (message.id = 1; message.id <= 50; ++message.id) pair.writer.write(message);
   std::vector<std::uint64_t> ids;
   ASSERT_TRUE(eventually([&] {
-    reader.take_all([&](const Message& m) { ids.push_back(m.id); });
+    pair.reader.take_all([&](const Message& m) { ids.push_back(m.id); });
     return ids.size() >= 50;
   }));
   for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
 }
 
 TEST(Bus, TakesSomeAndLeavesTheOthers) {
-  const Participant here("here", testing::own_domain());
-  const Participant there("there", testing::own_domain());
-  Writer writer(here, topics::message);
-  Reader reader(there, topics::message);
-  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  ConnectedPair pair(topics::message);
   Message message;
-  for (message.id = 1; message.id <= 50; ++message.id) writer.write(message);
+  for (message.id = 1; message.id <= 50; ++message.id) pair.writer.write(message);
   std::vector<std::uint64_t> ids;
   const auto keep = [&](const Message& m) { ids.push_back(m.id); };
   ASSERT_TRUE(eventually([&] {
-    EXPECT_LE(reader.take_some(4, keep), 4u);
+    EXPECT_LE(pair.reader.take_some(4, keep), 4u);
     return ids.size() >= 50;
   }));
   for (std::size_t i = 0; i < 50; ++i) EXPECT_EQ(ids[i], i + 1);
@@ -194,29 +171,21 @@ TEST(Bus, MessageReachesReadersFoundWithinItsLifespan) {
 }
 
 TEST(Bus, MessagePassesBetweenHostsWhoseWallClocksDiffer) {
-  const Participant here("here", testing::own_domain());
-  const Participant there("there", testing::own_domain());
-  Writer writer(here, topics::message);
-  Reader reader(there, topics::message);
-  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  ConnectedPair pair(topics::message);
   Message message;
   for (const time_t shift : {-3600, -10, 10, 3600}) {
     message.id = static_cast<std::uint64_t>(4000 + shift);
     message.stamp.publish_time = now();
-    wall_clock_shift = shift;
-    writer.write(message);
-    wall_clock_shift = 0;
+    testing::wall_clock_shift = shift;  // Fast DDS stamps a sample in the thread that writes
+    pair.writer.write(message);
+    testing::wall_clock_shift = 0;
     Message taken;
-    EXPECT_TRUE(eventually([&] { return reader.take_latest(taken) && taken.id == message.id; })) << shift << " s";
+    EXPECT_TRUE(eventually([&] { return pair.reader.take_latest(taken) && taken.id == message.id; })) << shift << " s";
   }
 }
 
 TEST(Bus, MessageOlderThanItsLifespanIsRefusedAndCounted) {
-  const Participant here("here", testing::own_domain());
-  const Participant there("there", testing::own_domain());
-  Writer writer(here, topics::message);
-  Reader reader(there, topics::message);
-  ASSERT_TRUE(eventually([&] { return writer.has_readers() && reader.writer_count() == 1; }));
+  ConnectedPair pair(topics::message);
   const Nanoseconds second = 1'000'000'000;
   const std::uint32_t other = clock_id() + 1;
   // Another vendor's program may leave the time out. The clock of another host is not known here.
@@ -231,15 +200,15 @@ TEST(Bus, MessageOlderThanItsLifespanIsRefusedAndCounted) {
     ++message.id;
     message.stamp.clock_id = clock;
     message.stamp.publish_time = time;
-    writer.write(message);
+    pair.writer.write(message);
   }
   std::vector<std::uint64_t> ids;
   ASSERT_TRUE(eventually([&] {
-    reader.take_all([&](const Message& m) { ids.push_back(m.id); });
+    pair.reader.take_all([&](const Message& m) { ids.push_back(m.id); });
     return !ids.empty() && ids.back() == stamps.size();
   }));
   EXPECT_EQ(ids, (std::vector<std::uint64_t>{4, 5, 6}));
-  EXPECT_EQ(reader.counters().refused_stamp, 3u);
+  EXPECT_EQ(pair.reader.counters().refused_stamp, 3u);
 }
 
 TEST(Bus, ADescriptionFromAnUnknownClockHasNoTime) {

@@ -7,6 +7,7 @@ target_link_libraries(bus_peer PRIVATE softhand_options softhand_bus)
 add_executable(cyclone_peer ${CMAKE_CURRENT_LIST_DIR}/cyclone_peer.c)
 target_link_libraries(cyclone_peer PRIVATE softhand_idl_cyclone)
 add_library(wall_clock MODULE ${PROJECT_SOURCE_DIR}/tests/support/wall_clock.cpp)
+target_include_directories(wall_clock PRIVATE ${PROJECT_SOURCE_DIR}/tests)
 target_link_libraries(wall_clock PRIVATE softhand_options ${CMAKE_DL_LIBS})
 find_program(PYTHON3 python3 REQUIRED)
 add_test(NAME secured_domain COMMAND ${SOFTHAND_LIVE_TEST} ${PYTHON3} ${CMAKE_CURRENT_LIST_DIR}/security_test.py
