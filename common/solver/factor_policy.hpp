@@ -48,7 +48,7 @@ class FactorPolicy {
 
   struct Iteration {
     double scale = 0;            ///< of the line search
-    bool condenses = false;      ///< terms with kinks were exact (LocalNewton::minimise_condensed)
+    bool condenses = false;      ///< terms with kinks were exact (CondensedNewton)
     double move = 0;             ///< the largest, relative to its tolerance
     double residual_before = 0;  ///< N and N m
     bool measured = false;       ///< the report's residual is that of the result

@@ -64,8 +64,8 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
-      room_(options.condenses_all_contact ? LocalNewton::kMaxCondensedBlocks
-                                          : LocalNewton::condensed_room(prices_.per_operation)),
+      condensed_newton_(layout),
+      room_(options.condenses_all_contact ? CondensedNewton::kMaxBlocks : CondensedNewton::room(prices_.per_operation)),
       compliance_(potential_.hessian().core_count(), room_),
       best_(empty_state(layout)) {
   pull_ = direction_ = VectorX::Zero(layout.dof_count());
@@ -179,7 +179,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   const bool is_truncated = options_.work_budget > 0 || options_.max_iterations < kFewIterations;
   bool touches = linkage_.any_touching();
   predictor_.begin_ordinary_step();
-  local_newton_.forget_factor();
+  condensed_newton_.forget_factor();
   if (!touches) policy_.set_touches_much(false);
   bool condenses = touches && !policy_.carried().touches_much && factor_.has_halves();
   const bool is_usable = condenses == factor_.is_without_kinks();
@@ -224,7 +224,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
         factorised = factor_.renew(potential_, state, decision.in_double, condenses, meter);
         if (!factorised) break;
         compliance_.clear();
-        local_newton_.forget_factor();
+        condensed_newton_.forget_factor();
         if (may_be_chord) linkage_.set_earlier_state(state);
       }
       has_direction = find_direction(state, condenses, meter);
@@ -316,21 +316,21 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
   if (!condenses) {
     // A step that is cut off may touch with more than its minimum does.
     if (options_.work_budget > 0 && policy_.carried().touches_much &&
-        local_newton_.touched_blocks(potential_.hessian()) <= kRoomy * room_)
+        condensed_newton_.touched_blocks(potential_.hessian()) <= kRoomy * room_)
       policy_.set_touches_much(false);
     pull_ = -potential_.gradient();
     loose_solve_.solve(factor_, potential_.hessian(), pull_, direction_, meter);
     return true;
   }
   if (!factor_.is_without_kinks()) return false;
-  const LocalNewton::Condensed result =
-      local_newton_.minimise_condensed(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
-                                       kContactTolerance * options_.residual_tolerance, potential_.change_hessian(),
-                                       factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
-  if (result == LocalNewton::Condensed::no_room) policy_.set_touches_much(true);
-  meter.report.work += meter.prices.solve +
-                       meter.prices.per_operation * (compliance_.take_operations() + local_newton_.take_operations());
-  return result == LocalNewton::Condensed::found;
+  const CondensedNewton::Result result =
+      condensed_newton_.minimise(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
+                                 kContactTolerance * options_.residual_tolerance, potential_.change_hessian(),
+                                 factor_.linear_solver(), factor_.kept_kinks(), compliance_, direction_);
+  if (result == CondensedNewton::Result::no_room) policy_.set_touches_much(true);
+  meter.report.work += meter.prices.solve + meter.prices.per_operation *
+                                                (compliance_.take_operations() + condensed_newton_.take_operations());
+  return result == CondensedNewton::Result::found;
 }
 
 // Lets the terms change after an iteration. Returns whether the energy has changed.
@@ -386,7 +386,7 @@ double NewtonSolver::largest_move(const State& state, bool condenses) const {
     const double turn = 2 * (now.orientation.coeffs() - start.orientation.coeffs()).norm();
     const double moved = std::max((now.position - start.position).lpNorm<Eigen::Infinity>(), lever * turn);
     const bool is_held =
-        condenses && (translation < potential_.hessian().core_count() || local_newton_.moves(translation));
+        condenses && (translation < potential_.hessian().core_count() || condensed_newton_.moves(translation));
     const double full = is_held ? kFullMoveHeld : kFullMove;
     const double tolerance = most * std::clamp(moved, kLeastMove, full) / full;
     const double move = std::max(direction_.segment<3>(3 * translation).lpNorm<Eigen::Infinity>(),

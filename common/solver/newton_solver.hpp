@@ -9,8 +9,9 @@
 // Predictor makes chord steps, which are steps in free motion without a new Hessian.
 // Linkage moves bones by finite rotations, and tissue with its bone.
 // LooseSolve solves with a Hessian that has blocks outside the pattern of the factor, from contact of skin with skin.
-// LocalNewton solves contact on the condensed hand. At the end of a truncated step it solves contact alone.
-// Compliance holds how the touched nodes give way to forces on each other, under the last factor.
+// CondensedNewton solves contact on the condensed hand. LocalNewton solves contact alone, at the end of a truncated
+// step. MovingBlocks are the unknowns that these two move. Compliance holds how the touched nodes give way to forces on
+// each other, under the last factor.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //
@@ -23,6 +24,7 @@
 #include <vector>
 
 #include "energies/energy.hpp"
+#include "solver/condensed_newton.hpp"
 #include "solver/factor_policy.hpp"
 #include "solver/hessian_factor.hpp"
 #include "solver/incremental_potential.hpp"
@@ -107,6 +109,7 @@ class NewtonSolver {
   Guess guess_;                            // null: the iterations begin at the start of the step
   LooseSolve loose_solve_;
   LocalNewton local_newton_;
+  CondensedNewton condensed_newton_;
   int room_;               // of `compliance_`, blocks
   Compliance compliance_;  // of the last factor, if it is without terms with kinks
   VectorX pull_, direction_;
