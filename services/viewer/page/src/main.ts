@@ -454,6 +454,7 @@ declare global {
     softhand: {
       counts: typeof counts;
       handCount: () => number;
+      fixResolution: (scale: number) => void;
       seek: (seconds: number) => void;
       signIsVisible: () => boolean;
     };
@@ -462,6 +463,7 @@ declare global {
 window.softhand = {
   counts,
   handCount: () => stage.handCount,
+  fixResolution: (scale) => stage.fixResolution(scale),
   seek: (seconds) => timeline.seekTime(seconds),
   signIsVisible: () => prompts.sign.visible,
 };

@@ -226,6 +226,7 @@ export class Stage {
   private free = { left: 0, top: 0, right: 0, bottom: 0 };
   private scale = 1; // of the resolution; smaller if drawing takes too long
   private drawTime = 16; // ms, smoothed
+  private adapts: boolean; // the resolution to the time that drawing takes
   colouring: Colouring = "skin";
   /** Present end of the colour map: Pa or 1. */
   full = 1;
@@ -237,6 +238,7 @@ export class Stage {
   ) {
     this.shown = shown;
     const fine = quality === "high";
+    this.adapts = !fine;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine, preserveDrawingBuffer: true });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = fine ? THREE.PCFSoftShadowMap : THREE.BasicShadowMap;
@@ -593,12 +595,18 @@ export class Stage {
    * Reduces the resolution if `elapsed` (ms between two pictures) stays long, and increases it again if there is time.
    */
   adapt(elapsed: number): void {
-    if (this.quality === "high" || this.renderer.xr.isPresenting) return;
+    if (!this.adapts || this.renderer.xr.isPresenting) return;
     this.drawTime += 0.1 * (Math.min(elapsed, 500) - this.drawTime);
     if (this.drawTime > 70 && this.scale > 0.5) this.scale = Math.max(0.5, this.scale - 0.125);
     else if (this.drawTime < 25 && this.scale < 1) this.scale = Math.min(1, this.scale + 0.125);
     else return;
     this.drawTime = 45;
+  }
+
+  /** Keeps the resolution at `scale` of the full one from now on. */
+  fixResolution(scale: number): void {
+    this.scale = scale;
+    this.adapts = false;
   }
 
   private hand(instance: number): Hand {
