@@ -68,30 +68,51 @@ class Packer {
   bool finite_ = true;
 };
 
+// The fields of a status by type, each with its name in the IDL. Stamp and module are not among them.
+struct StatusFields {
+  template <typename T>
+  struct Named {
+    std::array<char, 32> name;
+    T value;
+  };
+  std::vector<Named<double>> numbers;
+  std::vector<Named<std::array<char, 128>>> texts;
+  std::vector<Named<std::vector<NamedValue>>> lists;
+
+  void key(const char*, const auto&) {}
+  void field(const char*, const Stamp&) {}
+  template <typename T>
+  requires std::is_arithmetic_v<T>
+  void field(const char* name, const T& value) { add(numbers, name).value = static_cast<double>(value); }
+  template <std::size_t n>
+  void field(const char* name, const std::array<char, n>& value) {
+    static_assert(n <= sizeof texts[0].value);
+    set_text(add(texts, name).value, get_text(value));
+  }
+  template <std::size_t n>
+  void field(const char* name, const BoundedVector<NamedValue, n>& value) {
+    add(lists, name).value.assign(value.begin(), value.end());
+  }
+
+ private:
+  template <typename T>
+  static Named<T>& add(std::vector<Named<T>>& to, const char* name) {
+    Named<T>& item = to.emplace_back();
+    set_text(item.name, name);
+    return item;
+  }
+};
+
+// A count and a zero, and then `put` of each item after its name.
 template <typename Items>
-void put_named(Packer& out, const Items& items) {
+void put_named(Packer& out, const Items& items, auto put) {
   out.integer(static_cast<std::uint32_t>(items.size()));
   out.integer(0);
-  for (const NamedValue& item : items) {
+  for (const auto& item : items) {
     out.text(item.name);
-    out.put(item.value);
+    put(item.value);
   }
 }
-
-// The numbers of a status with their names in the IDL.
-struct Numbers {
-  std::vector<NamedValue> list;
-
-  template <typename T>
-  void field(const char* name, const T& value) {
-    if constexpr (std::is_arithmetic_v<T>) {
-      NamedValue& item = list.emplace_back();
-      set_text(item.name, name);
-      item.value = static_cast<double>(value);
-    }
-  }
-  void key(const char*, const auto&) {}
-};
 
 // Reads a value from a page's frame. Empty if the bytes end too early.
 template <typename T>
@@ -320,18 +341,17 @@ Frame encode(const BoneWrench& wrench) {
 }
 
 Frame encode(const LoopStatus& status, std::uint32_t slot) {
-  Numbers numbers;
-  visit_fields(numbers, status);
-  const std::size_t items =
-      numbers.list.size() + status.energies.size() + status.ledger.size() + status.counters.size();
-  Packer out(FrameType::loop_status, slot, 248 + 40 * items);
+  StatusFields fields;
+  visit_fields(fields, status);
+  std::size_t values = fields.numbers.size();
+  for (const auto& list : fields.lists) values += list.value.size();
+  Packer out(FrameType::loop_status, slot, 112 + 160 * fields.texts.size() + 40 * (fields.lists.size() + values));
+  const auto number = [&out](double value) { out.put(value); };
   out.stamp(status.stamp);
   out.text(status.module);
-  out.text(status.second_writer);
-  put_named(out, numbers.list);
-  put_named(out, status.energies);
-  put_named(out, status.ledger);
-  put_named(out, status.counters);
+  put_named(out, fields.numbers, number);
+  put_named(out, fields.texts, [&out](const auto& value) { out.text(value); });
+  put_named(out, fields.lists, [&](const auto& values_of_list) { put_named(out, values_of_list, number); });
   return out.finish();
 }
 

@@ -186,7 +186,7 @@ struct NumberFields {
   void key(const char*, auto&) {}
 };
 
-TEST(ViewerFrames, StatusHasEveryNumberUnderItsName) {
+TEST(ViewerFrames, StatusHasEveryFieldUnderItsName) {
   LoopStatus in;
   NumberFields numbers;
   visit_fields(numbers, in);
@@ -208,23 +208,37 @@ TEST(ViewerFrames, StatusHasEveryNumberUnderItsName) {
     return std::string(reinterpret_cast<const char*>(frame->data() + kHeaderBytes + offset));
   };
   EXPECT_EQ(text(place), "hand");
-  EXPECT_EQ(text(place + 64), "objects: world, process 7 on lab-pc");
-  place += 64 + 128;
-  const auto expect_list = [&](const std::vector<std::pair<std::string, double>>& expected) {
-    ASSERT_EQ(at<std::uint32_t>(frame, place), expected.size());
+  place += 64;
+  const auto expect_count = [&](std::size_t count) {
+    EXPECT_EQ(at<std::uint32_t>(frame, place), count);
     place += 8;
+  };
+  const auto expect_name = [&](const std::string& name) {
+    EXPECT_EQ(text(place), name);
+    place += 32;
+  };
+  const auto expect_numbers = [&](const std::vector<std::pair<std::string, double>>& expected) {
+    expect_count(expected.size());
     for (const auto& [name, value] : expected) {
-      EXPECT_EQ(text(place), name);
-      EXPECT_EQ(at<double>(frame, place + 32), value) << name;
-      place += 40;
+      expect_name(name);
+      EXPECT_EQ(at<double>(frame, place), value) << name;
+      place += 8;
     }
   };
   EXPECT_EQ(numbers.list.front(), std::pair(std::string("process_id"), 1.0));
   EXPECT_EQ(numbers.list.back(), std::pair(std::string("passivity_energy"), in.passivity_energy));
-  expect_list(numbers.list);
-  expect_list({{"tissue", 0.5}});
-  expect_list({{"work", 0.75}});
-  expect_list({{"chord_steps", 7}});
+  expect_numbers(numbers.list);
+  expect_count(1);
+  expect_name("second_writer");
+  EXPECT_EQ(text(place), "objects: world, process 7 on lab-pc");
+  place += 128;
+  expect_count(3);
+  expect_name("energies");
+  expect_numbers({{"tissue", 0.5}});
+  expect_name("ledger");
+  expect_numbers({{"work", 0.75}});
+  expect_name("counters");
+  expect_numbers({{"chord_steps", 7}});
   EXPECT_EQ(frame->size(), kHeaderBytes + place);
 }
 

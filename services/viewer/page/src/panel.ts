@@ -42,9 +42,9 @@ class Physics {
   private readonly books = document.createElement("h4");
   private energyTop = 1e-6;
 
-  constructor({ module, fields }: Status) {
+  constructor({ module, numbers }: Status) {
     const details = document.createElement("details");
-    const solves = fields.iterations > 0;
+    const solves = numbers.iterations > 0;
     details.open = solves;
     details.dataset.module = module;
     this.energies.setAttribute("role", "img");
@@ -58,29 +58,30 @@ class Physics {
   }
 
   show(status: Status): void {
-    const { fields } = status;
+    const { numbers, texts, lists } = status;
     const figures: [string, string][] = [];
-    if (fields.iterations > 0)
+    const { residual } = numbers;
+    if (numbers.iterations > 0)
       figures.push(
-        ["residual", `${fields.residual < 1e-3 ? fields.residual.toExponential(1) : fields.residual.toPrecision(3)} N`],
-        ["iterations", String(fields.iterations)],
-        ["contacts", String(fields.contact_count)],
-        ["penetration", millimetres(fields.penetration, 3)],
-        ["inverted", String(fields.inverted_elements)],
-        ["steps", String(fields.steps)],
+        ["residual", `${residual < 1e-3 ? residual.toExponential(1) : residual.toPrecision(3)} N`],
+        ["iterations", String(numbers.iterations)],
+        ["contacts", String(numbers.contact_count)],
+        ["penetration", millimetres(numbers.penetration, 3)],
+        ["inverted", String(numbers.inverted_elements)],
+        ["steps", String(numbers.steps)],
       );
-    if (fields.coupling_stretch > 0) figures.push(["coupling stretch", millimetres(fields.coupling_stretch, 2)]);
-    if (fields.passivity_energy !== 0) figures.push(["passivity", energy(fields.passivity_energy)]);
-    if (status.secondWriter !== "") figures.push(["second writer of", status.secondWriter]);
+    if (numbers.coupling_stretch > 0) figures.push(["coupling stretch", millimetres(numbers.coupling_stretch, 2)]);
+    if (numbers.passivity_energy !== 0) figures.push(["passivity", energy(numbers.passivity_energy)]);
+    if (texts.second_writer !== "") figures.push(["second writer of", texts.second_writer]);
     // Counters other than zero.
-    for (const { name, value } of status.counters)
+    for (const { name, value } of lists.counters)
       if (value !== 0 && !(name === "pace" && value === 1))
         figures.push([words(name), String(Number(value.toPrecision(10)))]);
     this.figures.replaceChildren(...figures.flatMap(([name, text]) => [tag("dt", name), tag("dd", text, name)]));
 
-    this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...status.energies.map(({ value }) => Math.abs(value)));
+    this.energyTop = Math.max(0.98 * this.energyTop, 1e-6, ...lists.energies.map(({ value }) => Math.abs(value)));
     this.energies.replaceChildren(
-      ...status.energies.map(({ name, value }) => {
+      ...lists.energies.map(({ name, value }) => {
         const bar = Object.assign(document.createElement("div"), { className: "bar", title: words(name) });
         const fill = document.createElement("i");
         // The square root makes small terms visible beside large ones.
@@ -89,9 +90,9 @@ class Physics {
         return bar;
       }),
     );
-    this.books.hidden = status.ledger.length === 0;
+    this.books.hidden = lists.ledger.length === 0;
     this.ledger.replaceChildren(
-      ...status.ledger.flatMap(({ name, value }) => [
+      ...lists.ledger.flatMap(({ name, value }) => [
         tag("dt", words(name)),
         tag("dd", ledgerText(value), `ledger ${name}`),
       ]),
@@ -183,8 +184,8 @@ export class Panel {
   }
 
   status(status: Status, now: number): void {
-    const { fields, energies, ledger, secondWriter } = status;
-    if (fields.nominal_rate_hz === 0) return; // `softhand up` has no loop
+    const { numbers, texts, lists } = status;
+    if (numbers.nominal_rate_hz === 0) return; // `softhand up` has no loop
     let known = this.modules.get(status.module);
     if (!known) {
       const row = element<HTMLTableElement>("modules").tBodies[0]!.insertRow();
@@ -200,26 +201,27 @@ export class Panel {
     known.seen = now;
     known.row.className = "";
     known.row.dataset.sequence = String(status.stamp.sequence);
-    const texts = [
+    const cells = [
       status.module,
-      `${fields.rate_hz.toFixed(0)}/${fields.nominal_rate_hz.toFixed(0)}`,
-      fixed(fields.step_ms_p50, 2),
-      fixed(fields.step_ms_p99, 2),
-      fixed(fields.step_ms_p999, 2),
-      String(fields.deadline_misses),
-      String(fields.input_drops),
-      age(fields.input_age_ms),
+      `${numbers.rate_hz.toFixed(0)}/${numbers.nominal_rate_hz.toFixed(0)}`,
+      fixed(numbers.step_ms_p50, 2),
+      fixed(numbers.step_ms_p99, 2),
+      fixed(numbers.step_ms_p999, 2),
+      String(numbers.deadline_misses),
+      String(numbers.input_drops),
+      age(numbers.input_age_ms),
     ];
-    const pace = status.counters.find(({ name }) => name === "pace")?.value ?? 1;
-    texts.forEach((text, i) => (known.row.cells[i]!.textContent = text));
-    const slow = fields.rate_hz > 0 && fields.rate_hz < 0.9 * pace * fields.nominal_rate_hz;
+    const pace = lists.counters.find(({ name }) => name === "pace")?.value ?? 1;
+    cells.forEach((text, i) => (known.row.cells[i]!.textContent = text));
+    const slow = numbers.rate_hz > 0 && numbers.rate_hz < 0.9 * pace * numbers.nominal_rate_hz;
     known.row.cells[1]!.classList.toggle("bad", slow);
-    known.row.cells[6]!.classList.toggle("bad", secondWriter !== "");
-    known.row.cells[6]!.title = secondWriter === "" ? "" : `refused second writer of ${secondWriter}`;
+    known.row.cells[6]!.classList.toggle("bad", texts.second_writer !== "");
+    known.row.cells[6]!.title =
+      texts.second_writer === "" ? "" : `refused second writer of ${texts.second_writer}`;
     if (!this.physics.has(status.module)) {
-      const { iterations, coupling_stretch, passivity_energy } = fields;
-      const quantities = [iterations, coupling_stretch, passivity_energy, energies.length, ledger.length];
-      if (secondWriter === "" && quantities.every((quantity) => quantity === 0)) return;
+      const { iterations, coupling_stretch, passivity_energy } = numbers;
+      const quantities = [iterations, coupling_stretch, passivity_energy, lists.energies.length, lists.ledger.length];
+      if (texts.second_writer === "" && quantities.every((quantity) => quantity === 0)) return;
       this.physics.set(status.module, new Physics(status));
     }
     this.physics.get(status.module)!.show(status);

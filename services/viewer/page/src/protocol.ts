@@ -301,30 +301,29 @@ export interface Named {
   name: string;
   value: number;
 }
+/** A status of a loop. Its fields have the names, meanings and units of idl/status.idl. */
 export interface Status {
   stamp: Stamp;
   module: string;
-  secondWriter: string; // last refused second writer of an input: topic, process and host; empty: none
-  fields: Record<string, number>; // the numbers of LoopStatus with their names and units in idl/status.idl
-  energies: Named[]; // J
-  ledger: Named[]; // J
-  counters: Named[];
+  numbers: Record<string, number>;
+  texts: Record<string, string>;
+  lists: Record<string, Named[]>;
 }
 export function status(payload: DataView): Status {
   const r = new Reader(payload);
-  const named = (): Named[] => {
+  const named = <T>(value: () => T): { name: string; value: T }[] => {
     const count = r.u32();
     r.at += 4;
-    return Array.from({ length: count }, () => ({ name: r.text(32), value: r.f64() }));
+    return Array.from({ length: count }, () => ({ name: r.text(32), value: value() }));
   };
+  const record = <T>(value: () => T): Record<string, T> =>
+    Object.fromEntries(named(value).map(({ name, value }) => [name, value]));
   return {
     stamp: r.stamp(),
     module: r.text(64),
-    secondWriter: r.text(128),
-    fields: Object.fromEntries(named().map(({ name, value }) => [name, value])),
-    energies: named(),
-    ledger: named(),
-    counters: named(),
+    numbers: record(() => r.f64()),
+    texts: record(() => r.text(128)),
+    lists: record(() => named(() => r.f64())),
   };
 }
 

@@ -24,11 +24,11 @@ export class Simulation {
   }
 
   status(status: Status): void {
-    const motors = status.counters.find(({ name }) => name === "motors");
+    const motors = status.lists.counters.find(({ name }) => name === "motors");
     if (motors) this.device(status.module, motors.value !== 0);
-    const pace = status.counters.find(({ name }) => name === "pace")?.value;
+    const pace = status.lists.counters.find(({ name }) => name === "pace")?.value;
     if (pace === undefined) return;
-    if (status.fields.iterations > 0) this.handRate = status.fields.nominal_rate_hz;
+    if (status.numbers.iterations > 0) this.handRate = status.numbers.nominal_rate_hz;
     if (pace === this.pace) return;
     this.pace = pace;
     if (pace > 0) this.running = pace;
