@@ -271,11 +271,9 @@ class Intake::Impl {
   };
   struct Stream {
     File file;
-    Framing framing;
+    PacketSplitter splitter;
     std::uint64_t id;
     bool is_connecting;
-    std::string waiting{};  // bytes of a packet without its end
-    bool skipping = false;  // to the end of a packet that is too large
     bool is_closed = false;
     // Bytes to the device: of the packet that has begun, and the newest packet that waits behind it.
     std::string sending{}, next{};
@@ -384,9 +382,8 @@ class Intake::Impl {
   }
 
   Stream& add_stream(File file, Framing framing, bool is_connecting) {
-    streams_.push_back({std::move(file), framing, ++last_id_, is_connecting});
-    for (std::string* text : {&streams_.back().waiting, &streams_.back().sending, &streams_.back().next})
-      text->reserve(largest_);
+    streams_.push_back({std::move(file), PacketSplitter(framing, largest_), ++last_id_, is_connecting});
+    for (std::string* text : {&streams_.back().sending, &streams_.back().next}) text->reserve(largest_);
     return streams_.back();
   }
   void established(Stream& stream) {
@@ -425,45 +422,16 @@ class Intake::Impl {
         stream.is_closed = true;
         return;
       }
-      split(stream, {buffer_.data(), static_cast<std::size_t>(size)}, now());
-    }
-  }
-
-  void split(Stream& stream, std::string_view bytes, Nanoseconds time) {
-    if (stream.framing.size != nullptr) return split_by_size(stream, bytes, time);
-    while (!bytes.empty()) {
-      const std::size_t end = bytes.find(stream.framing.end);
-      const std::string_view part = bytes.substr(0, end);
-      if (!stream.skipping && stream.waiting.size() + part.size() > largest_) {
-        ++refused_size_;
-        stream.skipping = true;
-        stream.waiting.clear();
-      }
-      if (!stream.skipping) stream.waiting += part;
-      if (end == std::string_view::npos) return;
-      if (!stream.skipping) queue_.push({stream.waiting, time, stream.id, false});
-      stream.waiting.clear();
-      stream.skipping = false;
-      bytes.remove_prefix(end + 1);
-    }
-  }
-
-  void split_by_size(Stream& stream, std::string_view bytes, Nanoseconds time) {
-    while (!bytes.empty() && !stream.is_closed) {
-      const std::size_t part = std::min(bytes.size(), largest_ - stream.waiting.size());
-      stream.waiting += bytes.substr(0, part);
-      bytes.remove_prefix(part);
-      std::string_view rest = stream.waiting;
-      std::size_t size = stream.framing.size(rest);
-      for (; size != 0 && size <= rest.size(); size = stream.framing.size(rest)) {
-        queue_.push({rest.substr(0, size), time, stream.id, false});
-        rest.remove_prefix(size);
-      }
-      stream.waiting.erase(0, stream.waiting.size() - rest.size());
-      if (size <= largest_ && stream.waiting.size() < largest_) continue;
-      ++refused_size_;
-      stream.waiting.clear();
+      const Nanoseconds time = now();
+      const bool goes_on = stream.splitter.take(
+          {buffer_.data(), static_cast<std::size_t>(size)},
+          [&](std::string_view packet) {
+            queue_.push({packet, time, stream.id, false});
+          },
+          [this] { ++refused_size_; });
+      if (goes_on) continue;
       stream.is_closed = true;
+      return;
     }
   }
 
@@ -474,7 +442,7 @@ class Intake::Impl {
         closed_any_ = true;
         --connections_;
       }
-      if (!stream.waiting.empty()) ++refused_cut_;
+      if (stream.splitter.is_within_packet()) ++refused_cut_;
       for (Port& port : ports_) {
         if (port.connection != stream.id) continue;
         port.connection = 0;

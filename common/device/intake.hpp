@@ -8,22 +8,10 @@
 #include <string_view>
 
 #include "device/arrival_queue.hpp"
+#include "device/packet_splitter.hpp"
 #include "messages/messages.hpp"
 
 namespace softhand {
-
-/// How a stream of bytes is divided into packets.
-struct Framing {
-  /// Size of the first packet of `bytes`: 0 if it takes more bytes to know, more than the largest packet if the bytes
-  /// are not of this protocol.
-  using Size = std::size_t (*)(std::string_view bytes);
-
-  Framing(char last) : end(last) {}           // NOLINT: a character says enough
-  Framing(Size of_first) : size(of_first) {}  // NOLINT
-
-  Size size = nullptr;
-  char end = '\0';  ///< without `size`: ends each packet and is not part of it
-};
 
 class Intake {
  public:

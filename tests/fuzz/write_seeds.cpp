@@ -33,6 +33,7 @@
 #include "trackers/landmarks/landmarks.hpp"
 #include "trackers/leap/leap_hands.hpp"
 #include "trackers/leap/leap_message.hpp"
+#include "trackers/leap/leapc_service.hpp"
 #include "trackers/leap/simulated_leap.hpp"
 #include "trackers/natnet/simulated_motive.hpp"
 #include "trackers/openxr/openxr_hands.hpp"
@@ -240,6 +241,25 @@ void add_leap(Seeds& seeds) {
     expect(sink.count == 2 && decoder.refusals().total() == 0, "leap: the seed is accepted");
     seeds.add("leap", message);
   }
+  const std::vector<leapc::Hand> hands{leapc_hand({Side::left, mirrored(shipped_hand()).rest_joints}),
+                                       leapc_hand({Side::right, shipped_hand().rest_joints})};
+  const leapc::TrackingEvent event{nullptr, 1, 5000, 1, 2, hands.data(), 90};
+  LeapDecoder decoder(shipped_hand(), false);
+  CheckedSink sink;
+  decoder.take({read_leapc(event, kArrival).bytes(), kArrival, 1, true}, sink);
+  expect(sink.count == 2 && decoder.refusals().total() == 0, "leapc: the seed is accepted");
+  leapc::TrackingEvent seed = event;
+  seed.hands = nullptr;  // the address of this run would make each seed another one
+  seeds.add("leapc", bytes_of(seed) + bytes_of(hands[0]) + bytes_of(hands[1]));
+}
+
+// The first four bytes are read by packets_fuzzer.cpp.
+void add_packets(Seeds& seeds) {
+  using std::string_literals::operator""s;
+  seeds.add("packets",
+            "\x00\x20\x03\x02"s + "one~two~a packet that is longer than the largest one may be, by far~~end");
+  seeds.add("packets", "\x01\x20\x03\x02"s + "\x05\x00one\x02\x00\x07\x00three"s);
+  seeds.add("packets", "\x02\xf0\x03\x02"s + vrpn_greeting() + vrpn_pose(5, 3, 1'000'000, 0, {}));
 }
 
 void add_openxr(Seeds& seeds) {
@@ -461,6 +481,7 @@ int main(int argc, char** argv) {
   fuzz::add_natnet(seeds);
   fuzz::add_vrpn(seeds);
   fuzz::add_leap(seeds);
+  fuzz::add_packets(seeds);
   fuzz::add_openxr(seeds);
   fuzz::add_opengloves(seeds);
   fuzz::add_haply(seeds);

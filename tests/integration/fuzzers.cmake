@@ -5,7 +5,7 @@ add_test(NAME fuzz_build COMMAND ${CMAKE_CTEST_COMMAND}
   --build-options -DCMAKE_CXX_COMPILER=clang++ --test-command ${folder}/write_seeds inputs)
 set_tests_properties(fuzz_build PROPERTIES FIXTURES_SETUP fuzzers TIMEOUT 900)
 foreach(decoder topics hand_file object_file topic_recording hand_recording landmarks webxr page mesh_file
-        streamer osc opengloves natnet vrpn leap openxr haply bhaptics weart user_data flight message)
+        streamer osc opengloves natnet vrpn leap leapc openxr packets haply bhaptics weart user_data flight message)
   add_test(NAME fuzz_${decoder} COMMAND ./fuzz_${decoder} -max_total_time=60 -timeout=10 -print_final_stats=1
     inputs/${decoder} WORKING_DIRECTORY ${folder})
   set_tests_properties(fuzz_${decoder} PROPERTIES FIXTURES_REQUIRED fuzzers TIMEOUT 180)

@@ -252,42 +252,10 @@ TEST_F(Leap, RefusesBadMessages) {
   EXPECT_EQ(decoder_.refusals().total(), 26u);
 }
 
-// A hand as LeapC has it, in mm.
-leapc::Hand leapc_hand(Side side, const JointFrames& joints) {
-  leapc::Hand hand{};
-  const auto set = [](float* to, const Vector3& v) {
-    for (int i = 0; i < 3; ++i) to[i] = static_cast<float>(v[i]);
-  };
-  const auto turn = [](float* to, const Quaternion& q) {
-    for (int i = 0; i < 4; ++i) to[i] = static_cast<float>(q.coeffs()[i]);
-  };
-  hand.type = side == Side::left ? 0 : 1;
-  hand.confidence = 1;
-  const Quaternion& palm = joints[1].orientation;
-  set(hand.palm.position, 1000 * joints[0].position);
-  set(hand.palm.normal, palm * -Vector3::UnitY());
-  set(hand.palm.direction, palm * -Vector3::UnitZ());
-  turn(hand.palm.orientation, palm);
-  set(hand.arm.next_joint, 1000 * joints[1].position);
-  for (int finger = 0; finger < kFingerCount; ++finger) {
-    const int tip = index_of(tip_of(static_cast<Finger>(finger)));
-    for (int k = 0; k < 4; ++k) {
-      leapc::Bone& bone = hand.digits[finger].bones[k];
-      const Pose& from = joints[static_cast<std::size_t>(finger == 0 ? std::max(tip - 3, tip - 4 + k) : tip - 4 + k)];
-      const Pose& to = joints[static_cast<std::size_t>(tip - 3 + k)];
-      set(bone.previous_joint, 1000 * from.position);
-      set(bone.next_joint, 1000 * to.position);
-      turn(bone.rotation, from.orientation);
-      bone.width = 16;
-    }
-  }
-  return hand;
-}
-
 TEST_F(Leap, EventsOfLeapCAreHands) {
   const JointFrames left = above_camera(mirrored(hand_).rest_joints, -0.1),
                     right = above_camera(hand_.rest_joints, 0.1);
-  const std::array<leapc::Hand, 2> hands{leapc_hand(Side::left, left), leapc_hand(Side::right, right)};
+  const std::array<leapc::Hand, 2> hands{leapc_hand({Side::left, left}), leapc_hand({Side::right, right})};
   leapc::TrackingEvent event{nullptr, 1, 5000, 1, 2, hands.data(), 90};
   // LeapC's clock is 1 s behind ours, and the frame is 4 ms old at its arrival.
   take(read_leapc(event, arrival_ + 9 * kMillisecond - 4 * kMillisecond - 5 * kMillisecond));

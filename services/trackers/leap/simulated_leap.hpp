@@ -1,12 +1,14 @@
-// What an Ultraleap service sends by WebSocket for given hands. For its simulator and for tests.
+// What an Ultraleap service sends by WebSocket, or LeapC delivers, for given hands. For its simulator and for tests.
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
 #include "model/hand_model.hpp"
+#include "trackers/leap/leapc.hpp"
 
 namespace softhand {
 
@@ -82,6 +84,39 @@ inline JointFrames above_camera(JointFrames joints, double x) {
   const Pose there = Pose{Vector3(x, 0.2, 0.05), Quaternion::Identity()} * joints[1].inverse();
   for (Pose& joint : joints) joint = there * joint;
   return joints;
+}
+
+/// A hand as LeapC has it, in mm.
+inline leapc::Hand leapc_hand(const SimulatedLeapHand& from) {
+  leapc::Hand hand{};
+  const auto set = [](float* to, const Vector3& v) {
+    for (int i = 0; i < 3; ++i) to[i] = static_cast<float>(v[i]);
+  };
+  const auto turn = [](float* to, const Quaternion& q) {
+    for (int i = 0; i < 4; ++i) to[i] = static_cast<float>(q.coeffs()[i]);
+  };
+  const JointFrames& joints = from.joints;
+  hand.type = from.side == Side::left ? 0 : 1;
+  hand.confidence = 1;
+  const Quaternion& palm = joints[1].orientation;
+  set(hand.palm.position, 1000 * joints[0].position);
+  set(hand.palm.normal, palm * -Vector3::UnitY());
+  set(hand.palm.direction, palm * -Vector3::UnitZ());
+  turn(hand.palm.orientation, palm);
+  set(hand.arm.next_joint, 1000 * joints[1].position);
+  for (int finger = 0; finger < kFingerCount; ++finger) {
+    const int tip = index_of(tip_of(static_cast<Finger>(finger)));
+    for (int k = 0; k < 4; ++k) {
+      leapc::Bone& bone = hand.digits[finger].bones[k];
+      const Pose& begin = joints[static_cast<std::size_t>(finger == 0 ? std::max(tip - 3, tip - 4 + k) : tip - 4 + k)];
+      const Pose& end = joints[static_cast<std::size_t>(tip - 3 + k)];
+      set(bone.previous_joint, 1000 * begin.position);
+      set(bone.next_joint, 1000 * end.position);
+      turn(bone.rotation, begin.orientation);
+      bone.width = 16;
+    }
+  }
+  return hand;
 }
 
 }  // namespace softhand
