@@ -65,6 +65,8 @@ class DeviceDriver {
   /// on. Lets the device go to zero, with nothing that the loop changes at the same time. Returns true if the device is
   /// at zero 20 ms later, by this call or by itself. The conformance kit asks for it.
   virtual bool release() { return false; }
+  /// Whether the device is there, for its health. A device that also tracks says it by `state`. Real-time.
+  virtual bool connected() const { return true; }
   /// Adds counters of the driver to the status. Must not allocate.
   virtual void fill_status(LoopStatus&) const {}
 };

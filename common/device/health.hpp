@@ -1,4 +1,4 @@
-// Health of a tracker, from the samples and refusals of its source.
+// Health of a device: of a tracker from the samples and refusals of its source, of another one from its connection.
 #pragma once
 
 #include <array>
@@ -11,8 +11,8 @@ namespace softhand {
 
 /// Published as the counter `health` of loop_status.
 enum class Health : std::uint8_t {
-  opening = 0,   ///< no sample since the start
-  live = 1,      ///< samples arrive
+  opening = 0,   ///< no sample, or no connection, since the start
+  live = 1,      ///< samples arrive, or the device is connected
   degraded = 2,  ///< samples arrive, but within the last second one came late or in doubt, or many packets were refused
   lost = 3,      ///< samples arrived, but the device is disconnected or silent now
 };
@@ -44,6 +44,18 @@ class HealthMonitor {
   Nanoseconds window_start_ = 0;
   std::uint64_t samples_ = 0;         // in this window
   std::uint64_t refused_before_ = 0;  // count of the source at the start of this window
+};
+
+/// Health of a device that sends no samples.
+class ConnectionHealth {
+ public:
+  Health update(bool connected) {
+    was_connected_ = was_connected_ || connected;
+    return connected ? Health::live : was_connected_ ? Health::lost : Health::opening;
+  }
+
+ private:
+  bool was_connected_ = false;
 };
 
 /// Times between attempts to open a device: 0.1 s, then twice as long each time, at most 5 s.

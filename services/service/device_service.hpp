@@ -6,6 +6,7 @@
 #include <thread>
 
 #include "device/device_loop.hpp"
+#include "device/health.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/scheduling.hpp"
 #include "scene_file.hpp"
@@ -91,10 +92,12 @@ int run_device(int argc, char** argv, const std::string& module, OptionsOf optio
     Service service(arguments, options.loop.rate_hz, Pacing::real);
     const auto driver = make_driver<Driver>(options.driver, scene);
     DeviceFace<Input> device(service, options.loop, driver, hand_key(scene), arguments.device);
+    ConnectionHealth health;
     service.run({[&](Nanoseconds now) { device.step(now); },
                  [&](const Message& message) { return device.answer(message, arguments.module); },
                  [&](LoopStatus& status, Nanoseconds now) {
                    device.fill_status(status, now);
+                   add_counter(status, "health", static_cast<double>(health.update(driver->connected())));
                    driver->fill_status(status);
                  }});
     device.stop();

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 
+#include "device/health.hpp"
 #include "support/device_process.hpp"
 #include "support/press.hpp"
 #include "tactile/bhaptics/simulated_player.hpp"
@@ -21,6 +22,7 @@ class BhapticsProcess : public testing::DeviceProcess<SkinTraction> {
     ASSERT_TRUE(counts("glove_connected", 1));
   }
   void touch(int finger, double newton) { testing::press(input_, static_cast<Finger>(finger), newton); }
+  bool has(Health health) { return counts("health", static_cast<double>(health)); }
   bool vibrates(const Motors& motors) {
     return push([&] { return player_->motors() == motors; });
   }
@@ -76,14 +78,26 @@ TEST_F(BhapticsProcess, ConnectsAgainAfterPowerCycles) {
   for (int cycle = 1; cycle <= 2; ++cycle) {
     player_.reset();
     ASSERT_TRUE(counts("connections", 0));
+    EXPECT_TRUE(has(Health::lost));
     player_.emplace(port);
     ASSERT_TRUE(counts("reconnects", cycle));
+    EXPECT_TRUE(has(Health::live));
     EXPECT_TRUE(vibrates({0, 0, 100, 0, 0, 0})) << cycle;
   }
   player_.reset();
   ASSERT_TRUE(counts("connections", 0));
   const testing::Process simulator("simulate-tactile-bhaptics", {std::to_string(port)}, false);
   EXPECT_TRUE(counts("reconnects", 3));
+}
+
+TEST_F(BhapticsProcess, IsOpeningUntilThePlayerComes) {
+  std::optional<SimulatedPlayer> before(0);
+  const auto port = before->port();
+  before.reset();
+  start({"port=" + std::to_string(port)});
+  EXPECT_TRUE(has(Health::opening));
+  player_.emplace(port);
+  EXPECT_TRUE(has(Health::live));
 }
 
 TEST_F(BhapticsProcess, RefusesAndCountsBadMessages) {

@@ -80,6 +80,14 @@ TEST(Health, FollowsTheSamples) {
   EXPECT_EQ(run(3000, 150), Health::degraded);  // too slow
 }
 
+TEST(Health, OfADeviceThatOnlyActsFollowsItsConnection) {
+  ConnectionHealth health;
+  EXPECT_EQ(health.update(false), Health::opening);
+  EXPECT_EQ(health.update(true), Health::live);
+  EXPECT_EQ(health.update(false), Health::lost);
+  EXPECT_EQ(health.update(true), Health::live);
+}
+
 TEST(Health, DoubtDegradesAndAnUnseenHandDoesNot) {
   HealthMonitor health;
   Nanoseconds now = 1000 * kMillisecond;

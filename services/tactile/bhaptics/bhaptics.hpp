@@ -52,6 +52,7 @@ class Bhaptics final : public TactileDriver {
   }
   // The last frame ends by itself.
   bool release() override { return true; }
+  bool connected() const override { return player_.connected() && is_connected_; }
   void fill_status(LoopStatus& status) const override {
     player_.fill_status(status);
     refusals_.fill_status(status, player_.counters().refused_size);
@@ -63,7 +64,7 @@ class Bhaptics final : public TactileDriver {
  private:
   static constexpr std::size_t kSlots = 16;
   static constexpr Nanoseconds kFramePeriod = 20'000'000;
-  static constexpr int kFrameMilliseconds = 50;
+  static constexpr int kFrameMilliseconds = 40;  // less than the 50 ms that "off" may take: `release`
 
   void take(const PlayerReport& report) {
     if (!refusals_.accepted(report.refusal)) return;
