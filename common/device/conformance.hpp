@@ -1,19 +1,31 @@
 // Checks that every driver must pass (docs/add-a-device.md): "off" is zero force at the device within 50 ms, whatever
-// the device does at that time. A test of a driver calls `conformance_faults`. The time is virtual.
+// the device does at that time. A test of a driver calls `conformance_faults`, and with a device or its simulator
+// `conformance_faults_at_device`.
 #pragma once
 
+#include <sys/wait.h>
+#include <unistd.h>
+
 #include <algorithm>
+#include <array>
+#include <chrono>
 #include <cmath>
+#include <cstdio>
+#include <exception>
 #include <functional>
 #include <limits>
+#include <map>
 #include <memory>
 #include <random>
 #include <string>
+#include <thread>
 #include <utility>
 #include <vector>
 
 #include "device/device_loop.hpp"
+#include "device/tracker_source.hpp"
 #include "messages/convert.hpp"
+#include "runtime/clock.hpp"
 
 namespace softhand {
 namespace conformance_detail {
@@ -87,18 +99,37 @@ inline void push(SkinTraction& input, double newton, double) {
   }
 }
 
+// The samples of a device that also tracks go nowhere.
+class NoSink final : public TrackerSink {
+ public:
+  void hand(const Skeleton&) override {}
+  void head(const HeadPose&) override {}
+};
+
+// Waits for the next millisecond and returns its time.
+using NextMillisecond = std::function<Nanoseconds()>;
+inline NextMillisecond virtual_time() {
+  return [now = kStart]() mutable { return now += kMillisecond; };
+}
+
+// A driver in the loop of the SDK.
 template <typename Input>
 class Bench {
  public:
-  explicit Bench(const std::function<std::shared_ptr<DeviceDriver<Input>>()>& make)
-      : recorder(std::make_shared<Recorder<Input>>(make(), written)),
-        loop(std::make_unique<DeviceLoop<Input>>(DeviceLoopOptions{}, recorder, 1, 0)) {}
+  Bench(const std::shared_ptr<DeviceDriver<Input>>& driver, NextMillisecond next)
+      : recorder(std::make_shared<Recorder<Input>>(driver, written)),
+        source(dynamic_cast<TrackerSource*>(driver.get())),
+        loop(std::make_unique<DeviceLoop<Input>>(DeviceLoopOptions{}, recorder, 1, 0)),
+        next_millisecond(std::move(next)) {}
   // One step of 1 ms. Inputs come at 90 Hz.
   void step() {
     ++milliseconds;
-    const Nanoseconds now = kStart + milliseconds * kMillisecond;
+    const Nanoseconds now = next_millisecond();
+    if (!loop) return;
     loop->watch(now);
     if (stands_still) return;
+    NoSink sink;
+    if (source != nullptr) source->poll(now, sink);
     const bool is_due = speaks && milliseconds * 90 / 1000 != (milliseconds - 1) * 90 / 1000;
     if (is_due) {
       ++input->stamp.sequence;
@@ -126,68 +157,88 @@ class Bench {
 
   std::vector<double> written;
   std::shared_ptr<Recorder<Input>> recorder;
+  TrackerSource* source;
   std::unique_ptr<DeviceLoop<Input>> loop;
+  NextMillisecond next_millisecond;
   std::unique_ptr<Input> input = std::make_unique<Input>();
   std::int64_t milliseconds = 0;
   double newton = 0;
   bool speaks = true, hangs = false, has_hand = true, stands_still = false;
 };
 
+template <typename Input>
+struct Action {
+  std::string name;
+  std::function<void(Bench<Input>&)> run;
+};
+inline constexpr const char* kPressing = "pressing";
+
+template <typename Input>
+std::vector<Action<Input>> states() {
+  using B = Bench<Input>;
+  const auto press = [](B& b) { b.newton = 5, b.run(200); };
+  return {
+      {"before the first input", [](B& b) { b.speaks = false, b.run(10), b.speaks = true; }},
+      {"in the air", [](B& b) { b.run(100); }},
+      {"at the first touch", [](B& b) { b.run(100), b.newton = 5, b.run(13); }},
+      {kPressing, press},
+      {"pressing beyond the limit", [](B& b) { b.newton = 1000, b.run(200); }},
+      {"letting go", [=](B& b) { press(b), b.newton = 0, b.run(3); }},
+      {"while commands fade", [=](B& b) { press(b), b.speaks = false, b.run(36), b.speaks = true; }},
+      {"after a silence", [=](B& b) { press(b), b.speaks = false, b.run(300), b.speaks = true, b.run(30); }},
+      {"asking for NaN", [=](B& b) { press(b), b.recorder->asks_nan = true, b.run(30); }},
+      {"switched off and on",
+       [=](B& b) { press(b), b.say("motors", "off"), b.run(20), b.say("motors", "on"), b.run(50); }},
+  };
+}
+
+template <typename Input>
+std::vector<Action<Input>> ways_off() {
+  using B = Bench<Input>;
+  std::vector<Action<Input>> ways{
+      {"motors off", [](B& b) { b.say("motors", "off"); }},
+      {"gain 0", [](B& b) { b.say("gain", "0"); }},
+      {"no inputs", [](B& b) { b.speaks = false; }},
+      {"end of the process", [](B& b) { b.loop->stop(now()), b.loop = nullptr; }},
+      {"exception", [](B& b) { b.loop = nullptr; }},
+      {"hung loop", [](B& b) { b.stands_still = true; }},
+  };
+  if constexpr (std::is_same_v<Input, BoneWrench>) {
+    ways.push_back({"dead simulation", [](B& b) { b.has_hand = false; }});
+    ways.push_back({"hung simulation", [](B& b) { b.hangs = true; }});
+  }
+  return ways;
+}
+
+inline std::string not_zero(const std::string& state, const std::string& way, int milliseconds) {
+  return state + ", " + way + ": a command is not zero after " + std::to_string(milliseconds) + " ms";
+}
+
 }  // namespace conformance_detail
 
-/// Runs the driver in the loop of the SDK, in each state with each way of being switched off. Returns what it found
-/// wrong: nothing, if the driver conforms. `make` returns a new driver.
+/// Runs the driver in the loop of the SDK, in each state with each way of being switched off. Looks at what the loop
+/// writes to the driver. The time is virtual. Returns what it found wrong: nothing, if the driver conforms. `make`
+/// returns a new driver.
 template <typename Input>
 std::vector<std::string> conformance_faults(const std::function<std::shared_ptr<DeviceDriver<Input>>()>& make) {
-  using Bench = conformance_detail::Bench<Input>;
-  struct Action {
-    std::string name;
-    std::function<void(Bench&)> run;
-  };
-  constexpr bool is_haptic = std::is_same_v<Input, BoneWrench>;
-  const auto press = [](Bench& b) { b.newton = 5, b.run(200); };
-  const std::vector<Action> states{
-      {"before the first input", [](Bench& b) { b.speaks = false, b.run(10), b.speaks = true; }},
-      {"in the air", [](Bench& b) { b.run(100); }},
-      {"at the first touch", [](Bench& b) { b.run(100), b.newton = 5, b.run(13); }},
-      {"pressing", press},
-      {"pressing beyond the limit", [](Bench& b) { b.newton = 1000, b.run(200); }},
-      {"letting go", [=](Bench& b) { press(b), b.newton = 0, b.run(3); }},
-      {"while commands fade", [=](Bench& b) { press(b), b.speaks = false, b.run(36), b.speaks = true; }},
-      {"after a silence", [=](Bench& b) { press(b), b.speaks = false, b.run(300), b.speaks = true, b.run(30); }},
-      {"asking for NaN", [=](Bench& b) { press(b), b.recorder->asks_nan = true, b.run(30); }},
-      {"switched off and on",
-       [=](Bench& b) { press(b), b.say("motors", "off"), b.run(20), b.say("motors", "on"), b.run(50); }},
-  };
-  std::vector<Action> ways{
-      {"motors off", [](Bench& b) { b.say("motors", "off"); }},
-      {"gain 0", [](Bench& b) { b.say("gain", "0"); }},
-      {"no inputs", [](Bench& b) { b.speaks = false; }},
-      {"end of the process", [](Bench& b) { b.speaks = false, b.loop->stop(0); }},
-      {"exception", [](Bench& b) { b.speaks = false, b.loop = nullptr; }},
-      {"hung loop", [](Bench& b) { b.stands_still = true; }},
-  };
-  if (is_haptic) {
-    ways.push_back({"dead simulation", [](Bench& b) { b.has_hand = false; }});
-    ways.push_back({"hung simulation", [](Bench& b) { b.hangs = true; }});
-  }
+  using namespace conformance_detail;
   std::vector<std::string> faults;
-  for (const Action& state : states) {
-    for (const Action& way : ways) {
-      Bench bench(make);
+  for (const Action<Input>& state : states<Input>()) {
+    for (const Action<Input>& way : ways_off<Input>()) {
+      Bench<Input> bench(make(), virtual_time());
       state.run(bench);
-      if (state.name == "pressing" && bench.is_off()) faults.push_back("no command while pressing");
+      if (state.name == kPressing && bench.is_off()) faults.push_back("no command while pressing");
       way.run(bench);
-      for (int i = 1; i <= conformance_detail::kOffWithin + conformance_detail::kThenFor; ++i) {
-        if (bench.loop) bench.step();
-        if (i >= conformance_detail::kOffWithin && !bench.is_off()) {
-          faults.push_back(state.name + ", " + way.name + ": a command is not zero after " + std::to_string(i) + " ms");
+      for (int i = 1; i <= kOffWithin + kThenFor; ++i) {
+        bench.step();
+        if (i >= kOffWithin && !bench.is_off()) {
+          faults.push_back(not_zero(state.name, way.name, i));
           break;
         }
       }
     }
   }
-  if constexpr (is_haptic) {
+  if constexpr (std::is_same_v<Input, BoneWrench>) {
     // The local model asks for commands of parts of an input.
     const auto driver = make();
     const std::size_t actuators = driver->limits().actuators;
@@ -196,7 +247,7 @@ std::vector<std::string> conformance_faults(const std::function<std::shared_ptr<
     std::array<std::vector<double>, 3> commands;
     commands.fill(std::vector<double>(actuators, 0.0));
     std::array<BoneWrench, 3> inputs;
-    for (BoneWrench& input : inputs) conformance_detail::push(input, 0, 1);
+    for (BoneWrench& input : inputs) push(input, 0, 1);
     for (std::size_t b = 0; b < kBodyCount; ++b) {
       for (std::size_t i = 0; i < 3; ++i) {
         for (auto part : {&BoneSample::coupling_force, &BoneSample::coupling_torque}) {
@@ -210,6 +261,121 @@ std::vector<std::string> conformance_faults(const std::function<std::shared_ptr<
     for (std::size_t a = 0; a < actuators; ++a) {
       if (!(std::abs(commands[0][a] + commands[1][a] - commands[2][a]) <= 1e-6))
         faults.push_back("command of actuator " + std::to_string(a) + " is not linear in the forces");
+    }
+  }
+  return faults;
+}
+
+/// A driver that is connected to its device or to a simulator of it.
+template <typename Input>
+struct DriverAtDevice {
+  std::shared_ptr<DeviceDriver<Input>> driver;
+  std::function<bool()> is_at_zero;  ///< whether the device exerts nothing now. Called every millisecond
+};
+
+namespace conformance_detail {
+
+// Real time. Remembers whether this process stood still for so long that its own measurement is worth nothing.
+class RealTime {
+ public:
+  Nanoseconds next() {
+    due_ += std::chrono::milliseconds(1);
+    std::this_thread::sleep_until(due_);
+    const auto late = std::chrono::steady_clock::now() - due_;
+    if (late > kStall) stalled_ = true;
+    if (late > std::chrono::milliseconds(1)) due_ += late;
+    return now();
+  }
+  bool stalled() const { return stalled_; }
+
+ private:
+  static constexpr std::chrono::milliseconds kStall{4};
+  std::chrono::steady_clock::time_point due_ = std::chrono::steady_clock::now();
+  bool stalled_ = false;
+};
+
+enum class AtDevice { good, not_zero, no_push, stalled, exception };
+
+template <typename Input>
+AtDevice run_at_device(const Action<Input>& state, const Action<Input>& way,
+                       const std::function<DriverAtDevice<Input>()>& make) {
+  RealTime time;
+  DriverAtDevice<Input> device = make();
+  bool is_at_zero = true;
+  Bench<Input> bench(device.driver, [&] {
+    is_at_zero = device.is_at_zero();
+    return time.next();
+  });
+  time = {};
+  state.run(bench);
+  if (state.name == kPressing && is_at_zero) return AtDevice::no_push;
+  way.run(bench);
+  const Nanoseconds off = now();
+  if (!bench.loop) {
+    bench.source = nullptr;
+    bench.recorder = nullptr;
+    device.driver = nullptr;
+  }
+  for (Nanoseconds passed = 0; passed < (kOffWithin + kThenFor) * kMillisecond; passed = now() - off) {
+    bench.step();
+    if (now() - off < kOffWithin * kMillisecond || is_at_zero) continue;
+    return time.stalled() ? AtDevice::stalled : AtDevice::not_zero;
+  }
+  return AtDevice::good;
+}
+
+}  // namespace conformance_detail
+
+/// The same at the device: each state with each way of being switched off, in real time. Each of these cases has a
+/// process of its own, so `make` may use a library that knows one device only. Call it before the process starts
+/// threads.
+template <typename Input>
+std::vector<std::string> conformance_faults_at_device(const std::function<DriverAtDevice<Input>()>& make) {
+  using namespace conformance_detail;
+  constexpr std::size_t kAtOnce = 4;
+  constexpr int kAttempts = 5;
+  struct Case {
+    Action<Input> state, way;
+    int attempts = 0;
+  };
+  std::vector<Case> waiting;
+  for (const Action<Input>& state : states<Input>())
+    for (const Action<Input>& way : ways_off<Input>()) waiting.push_back({state, way});
+  std::map<pid_t, Case> running;
+  std::vector<std::string> faults;
+  while (!waiting.empty() || !running.empty()) {
+    while (!waiting.empty() && running.size() < kAtOnce) {
+      Case next = std::move(waiting.back());
+      waiting.pop_back();
+      ++next.attempts;
+      std::fflush(nullptr);
+      const pid_t child = fork();
+      if (child == 0) {
+        AtDevice result = AtDevice::exception;
+        try {
+          if (std::freopen("/dev/null", "w", stdout) != nullptr) result = run_at_device(next.state, next.way, make);
+        } catch (const std::exception& error) {
+          std::fprintf(stderr, "%s\n", error.what());
+        }
+        _exit(static_cast<int>(result));
+      }
+      if (child < 0) return {"cannot start a process"};
+      running.emplace(child, std::move(next));
+    }
+    int status = 0;
+    const auto ended = running.find(waitpid(-1, &status, 0));
+    if (ended == running.end()) continue;
+    Case done = std::move(ended->second);
+    running.erase(ended);
+    const auto result = WIFEXITED(status) ? static_cast<AtDevice>(WEXITSTATUS(status)) : AtDevice::exception;
+    if (result == AtDevice::stalled && done.attempts < kAttempts) {
+      waiting.push_back(std::move(done));
+    } else if (result == AtDevice::not_zero || result == AtDevice::stalled) {
+      faults.push_back(done.state.name + ", " + done.way.name + ": the device is not at zero after 50 ms");
+    } else if (result == AtDevice::no_push) {
+      faults.push_back(done.way.name + ": the device does nothing while pressing");
+    } else if (result == AtDevice::exception) {
+      faults.push_back(done.state.name + ", " + done.way.name + ": the process died");
     }
   }
   return faults;

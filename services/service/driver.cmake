@@ -5,6 +5,8 @@
 #   of CHECK_LINK: those of LINK that the driver's checks need.
 # - main.cpp becomes the program softhand-KIND-NAME.
 # - simulator.cpp, if it exists, becomes the program simulate-KIND-NAME. In this repository it is built with the tests.
+# - conformance_test.cpp, in this repository, tests a haptic or tactile driver with the conformance kit
+#   (device/conformance.hpp). It is the target softhand_KIND_NAME_conformance.
 function(softhand_driver kind name)
   cmake_parse_arguments(ARG "" "" "LINK;CHECK_LINK;SIMULATOR_LINK" ${ARGN})
   set(options softhand_${kind}_${name}_options)
@@ -35,5 +37,15 @@ function(softhand_driver kind name)
   if(has_simulator AND SOFTHAND_TESTS)
     softhand_program(simulate-${kind}-${name} OFFLINE simulator.cpp LINK ${simulator_links})
     target_compile_definitions(simulate-${kind}-${name} PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+  endif()
+  if(NOT kind STREQUAL "tracker" AND SOFTHAND_TESTS)
+    set(test softhand_${kind}_${name}_conformance)
+    add_library(${test} OBJECT conformance_test.cpp)
+    target_include_directories(${test} PRIVATE ${PROJECT_SOURCE_DIR}/tests)
+    target_link_libraries(${test} PUBLIC softhand_options softhand_device softhand_model ${simulator_links}
+                          GTest::gtest)
+    target_compile_definitions(${test} PRIVATE SOFTHAND_SOURCE_DIR="${PROJECT_SOURCE_DIR}")
+    target_compile_options(${test} PRIVATE $<$<CONFIG:Release>:-O1>)
+    set_property(GLOBAL APPEND PROPERTY SOFTHAND_CONFORMANCE ${test})
   endif()
 endfunction()

@@ -16,7 +16,7 @@ std::string text_of(const std::string& path) {
 
 TEST(SampleGlove, ThePageShowsItsCode) {
   const std::string page = text_of("docs/add-a-device.md");
-  for (const char* file : {"CMakeLists.txt", "sample_glove.hpp", "driver.cpp", "main.cpp"}) {
+  for (const char* file : {"CMakeLists.txt", "sample_glove.hpp", "driver.cpp", "main.cpp", "conformance_test.cpp"}) {
     const std::string code = text_of(std::string("services/haptics/sample/") + file);
     ASSERT_FALSE(code.empty()) << file;
     EXPECT_NE(page.find("\n" + code + "```\n"), std::string::npos) << "docs/add-a-device.md differs from " << file;
