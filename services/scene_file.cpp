@@ -187,11 +187,9 @@ void describe(OptionVisitor& v, SceneOptions& o) {
            "simulate` then takes none. Not used if the hand is fitted to a recording.");
   describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
-  for (auto& [section, driver] : o.drivers) {
-    std::string program = "softhand-" + section;
-    std::replace(program.begin(), program.end(), '_', '-');
-    v.section(section, program + ": " + driver.about, [&](OptionVisitor& inner) { driver.options.visit(inner); });
-  }
+  for (auto& [section, driver] : o.drivers)
+    v.section(section, driver_program(section) + ": " + driver.about,
+              [&](OptionVisitor& inner) { driver.options.visit(inner); });
   describe_section(v, "tracking", "The intermediate layer.", o.tracking);
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);

@@ -30,6 +30,11 @@ bool is_driver_section(std::string_view key) {
                      [&](std::string_view kind) { return key.size() > kind.size() && key.starts_with(kind); });
 }
 
+std::string driver_program(std::string section) {
+  std::replace(section.begin(), section.end(), '_', '-');
+  return "softhand-" + section;
+}
+
 void device_detail::add_driver(std::string section, Driver driver) {
   drivers().insert_or_assign(std::move(section), std::move(driver));
 }

@@ -59,6 +59,8 @@ const Drivers& registered_drivers();
 /// True if `key` begins with `tracker_`, `haptic_` or `tactile_`. Only drivers have such sections. A program ignores
 /// the sections of drivers that it does not know.
 bool is_driver_section(std::string_view key);
+/// softhand-tracker-streamer for the section tracker_streamer.
+std::string driver_program(std::string section);
 
 namespace device_detail {
 void add_driver(std::string section, Driver driver);

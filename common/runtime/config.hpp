@@ -86,8 +86,7 @@ AppliedOverride apply_override(T& options, std::string_view assignment) {
 
 /// A Markdown table of every key of T with default, unit, range and meaning. The output is deterministic.
 template <typename T>
-std::string reference_markdown(std::string_view title) {
-  T defaults{};
+std::string reference_markdown(std::string_view title, T defaults = {}) {
   return config_detail::reference_markdown([&defaults](OptionVisitor& v) { describe(v, defaults); }, title);
 }
 

@@ -122,9 +122,14 @@ int run_render(const RenderArguments& arguments);
 /// Throws if the program was not built.
 int run_sibling(const std::string& program, const std::vector<std::string>& arguments);
 
-/// `softhand reference`: prints the generated page of options.
-int run_reference();
-/// The text that run_reference() prints: docs/reference.md.
+/// `softhand reference [DRIVER]`: prints the generated page of options. `driver`: a section of the scene file, or
+/// empty. Throws std::runtime_error if this program does not know the driver.
+int run_reference(const std::string& driver);
+/// The text that run_reference("") prints: docs/reference.md. It leaves out the sections of drivers.
 std::string reference_page();
+/// The text that run_reference prints for a driver: the file `driver_options_file`.
+std::string driver_reference_page(const std::string& driver);
+/// In the folder of the driver, relative to the source tree.
+std::string driver_options_file(const std::string& driver);
 
 }  // namespace softhand

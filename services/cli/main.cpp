@@ -256,8 +256,10 @@ int main(int argc, char** argv) {
 
   command = app.add_subcommand(
       "reference",
-      "Print every option of scenes, rigs and networks with default, unit, range and meaning (docs/reference.md)");
-  command->callback([&] { run = [] { return run_reference(); }; });
+      "Print every option of scenes, rigs and networks, or of a driver, with default, unit, range and meaning");
+  std::string driver;
+  command->add_option("DRIVER", driver, "Section of the driver in a scene, e.g. tracker_streamer");
+  command->callback([&] { run = [&] { return run_reference(driver); }; });
 
   CLI11_PARSE(app, argc, argv);
   bus::log_to_stderr();

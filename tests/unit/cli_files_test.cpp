@@ -16,6 +16,7 @@
 #include "cli/idl_text.hpp"
 #include "cli/rig.hpp"
 #include "cli/status_table.hpp"
+#include "device/driver.hpp"
 #include "messages/convert.hpp"
 #include "runtime/config.hpp"
 #include "support/own_domain.hpp"
@@ -308,6 +309,19 @@ TEST_F(FilesTest, DemoWithoutNameListsTheScenesAndStartsNone) {
 TEST_F(FilesTest, CommittedReferencePageEqualsTheGeneratedOne) {
   EXPECT_TRUE(text_of(kSource / "docs/reference.md") == reference_page())
       << "an option has changed: write the page again with `softhand reference > docs/reference.md`";
+}
+
+// So a new driver changes no file outside its folder.
+TEST_F(FilesTest, TheOptionsOfADriverAreInItsFolderOnly) {
+  EXPECT_GE(registered_drivers().size(), 10u);
+  for (const auto& [section, driver] : registered_drivers()) {
+    const std::string file = driver_options_file(section);
+    EXPECT_TRUE(text_of(kSource / file) == driver_reference_page(section))
+        << file << ": an option has changed: write the page again with `softhand reference " << section << " > " << file
+        << "`";
+    EXPECT_EQ(reference_page().find("**[" + section), std::string::npos) << section;
+  }
+  EXPECT_THROW(driver_reference_page("tracker_nothing"), std::runtime_error);
 }
 
 LoopStatus status_of(const std::string& module, Nanoseconds published) {
