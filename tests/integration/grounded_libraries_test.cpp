@@ -138,6 +138,14 @@ TYPED_TEST(GroundedLibrary, EveryEndIsZero) {
   EXPECT_TRUE(this->device_.state->was_zero_at_close);
 }
 
+TYPED_TEST(GroundedLibrary, IsAtZeroWhenAKilledDriverIsBack) {
+  this->start_driver();
+  this->set_force(0, 1, 0);
+  this->check_restart_after_kill([&] { return this->device_.force()[1] == 1; },
+                                 [&] { return to_vector(this->device_.force()).isZero(0); },
+                                 [&] { this->start({"library=" + std::string(TypeParam::kLibrary)}); });
+}
+
 TYPED_TEST(GroundedLibrary, OpensAgainAfterTheCableWasOut) {
   this->start_driver();
   for (int cycle = 1; cycle <= 2; ++cycle) {

@@ -220,6 +220,22 @@ TEST_F(OpenGlovesProcess, ForcesReachTheGloveAndEveryEndIsZero) {
   EXPECT_EQ(glove->forces()[1], 0);  // the earlier connection too
 }
 
+// A killed driver leaves the brakes as they are. The next one frees them with its first line, without an input.
+TEST_F(OpenGlovesProcess, IsFreeWhenAKilledDriverIsBack) {
+  const int port = start_tcp();
+  std::optional<Glove> glove(port);
+  ASSERT_TRUE(push(*glove, 2, [&] { return glove->forces()[1] == 500; }));
+  driver_->end(SIGKILL);
+  const Nanoseconds killed = now();
+  start({"port=" + std::to_string(port)});
+  glove.emplace(port);
+  glove->send_curl(1000);
+  while (glove->lines() == 0 && now() - killed < 5'000'000'000) glove->forces();
+  std::printf("SIGKILL and restart: zero after %.1f ms\n", static_cast<double>(now() - killed) * 1e-6);
+  EXPECT_GT(glove->lines(), 0);
+  EXPECT_EQ(glove->forces()[1], 0);
+}
+
 // The fingers of the glove on the wrist of another tracker, in the hand that the simulation follows.
 TEST_F(OpenGlovesProcess, GivesItsFingersToAFusion) {
   std::vector<std::string> arguments{"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml"};

@@ -104,6 +104,14 @@ TEST_F(WeartProcess, EveryEndIsZero) {
   EXPECT_TRUE(listener_.until([] {}, [&] { return device_->requests().back() == "StopFromClient"; }));
 }
 
+TEST_F(WeartProcess, IsAtZeroWhenAKilledDriverIsBack) {
+  start_driver();
+  touch(1, 2);
+  check_restart_after_kill([&] { return device_->effects().count("force:INDEX") == 1; },
+                           [&] { return device_->effects().empty(); },
+                           [&] { start({"port=" + std::to_string(device_->port())}); });
+}
+
 TEST_F(WeartProcess, ConnectsAgainAfterPowerCycles) {
   start_driver();
   const int port = device_->port();

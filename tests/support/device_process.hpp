@@ -103,6 +103,19 @@ class DeviceProcess : public ::testing::Test {
     EXPECT_TRUE(is_off());
     EXPECT_EQ(driver_->end(SIGTERM), 0);
   }
+  /// Kills the driver while the device renders the input, and calls `restart`, as `softhand up` does. Without an input
+  /// the device must then be off. Prints the time from the kill.
+  template <typename Pushes, typename IsOff, typename Restart>
+  void check_restart_after_kill(const Pushes& pushes, const IsOff& is_off, const Restart& restart) {
+    ASSERT_TRUE(push(pushes));
+    driver_->end(SIGKILL);
+    EXPECT_TRUE(pushes()) << "the device keeps the force of a killed driver";
+    const Nanoseconds killed = now();
+    restart();
+    const double time = milliseconds_until(is_off, killed);
+    std::printf("%s, SIGKILL and restart: zero after %.1f ms\n", module_.c_str(), time);
+    EXPECT_TRUE(is_off());
+  }
 
   const std::string module_;
   TrackerListener listener_;
