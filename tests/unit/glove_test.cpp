@@ -1,4 +1,4 @@
-// Encoders of the simulated glove, and the work of the wrenches of all bones.
+// Encoders of the simulated glove, the fingers in it, and the work of the wrenches of all bones.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -46,6 +46,54 @@ TEST(GloveEncoders, MotionOfTheWholeHandIsNoMotion) {
     encoders.move(wrist, moved);
   }
   for (const double position : read(encoders)) EXPECT_NEAR(position, 0, 1e-12);
+}
+
+constexpr double kMillisecond = 1e-3;
+// The first finger of `fingers` at `time`, which follows `target` from now on, m.
+double follow(SmoothFingers& fingers, double time, double target) {
+  std::array<double, kFingerCount> targets{target}, positions{};
+  fingers.follow(static_cast<Nanoseconds>(time * 1e9), targets, positions);
+  EXPECT_EQ(positions[1], 0);
+  return positions[0];
+}
+
+TEST(SmoothFingers, FollowAStepAsACriticallyDampedSpring) {
+  for (const double step : {1 * kMillisecond, 7 * kMillisecond, 20 * kMillisecond}) {
+    SmoothFingers fingers;
+    follow(fingers, 5 - step, 0);
+    EXPECT_EQ(follow(fingers, 5, 1), 0);
+    double time = 0;
+    for (int i = 1; i <= 100; ++i) {
+      time = i * step;
+      const double phase = SmoothFingers::kFrequency * time;
+      EXPECT_NEAR(follow(fingers, 5 + time, 1), 1 - (1 + phase) * std::exp(-phase), 1e-6) << step << " " << time;
+    }
+  }
+}
+
+// The lag of a critically damped spring is two time constants.
+TEST(SmoothFingers, LagBehindAConstantSpeed) {
+  SmoothFingers fingers;
+  constexpr double kSpeed = 0.1;
+  double time = 0, position = 0;
+  for (; time < 1; time += kMillisecond) position = follow(fingers, time, kSpeed * time);
+  const double lag = 2 / SmoothFingers::kFrequency + kMillisecond;  // the last target acts from now on
+  EXPECT_NEAR(position, kSpeed * (time - kMillisecond - lag), 0.05 * kSpeed * lag);
+}
+
+// A sample of a tracker with noise moves a tracked finger by 0.2 mm in one step of the glove.
+TEST(SmoothFingers, DoNotJumpWithATrackedHand) {
+  SmoothFingers fingers;
+  double last = 0, speed = 0;
+  for (int i = 0; i < 2000; ++i) {
+    const double noise = i / 11 % 2 == 0 ? 1e-4 : -1e-4;
+    const double position = follow(fingers, i * kMillisecond, noise);
+    const double new_speed = (position - last) / kMillisecond;
+    if (i > 1) {
+      EXPECT_LT(std::abs(new_speed - speed), 2e-3) << "m/s in one step; the tracked finger has 0.2";
+    }
+    last = position, speed = new_speed;
+  }
 }
 
 TEST(GloveEncoders, AFingerWithNaNKeepsItsPosition) {

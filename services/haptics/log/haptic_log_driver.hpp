@@ -1,5 +1,5 @@
-// A simulated force-feedback glove that logs its input. It has one motor per finger, which pushes against closing. Its
-// encoders measure the tracked hand of its input, because no user wears it: they have the noise of the tracker.
+// A simulated force-feedback glove that logs its input. It has one motor per finger, which pushes against closing. No
+// user wears it: its encoders measure fingers that follow the tracked hand of its input.
 #pragma once
 
 #include <memory>
@@ -35,7 +35,12 @@ class HapticLogDriver : public HapticDriver {
   }
   /// Commands the force against closing of each finger. A negative force (a pull) is not rendered.
   void command(const BoneWrench& input, std::span<double> requested) override;
-  bool measure(Nanoseconds, std::span<double> positions) override { return encoders_.read(positions); }
+  bool measure(Nanoseconds now, std::span<double> positions) override {
+    std::array<double, kFingerCount> tracked;
+    if (!encoders_.read(tracked)) return false;
+    fingers_.follow(now, tracked, positions);
+    return true;
+  }
   void write(Nanoseconds now, std::span<const double> commands) override;
   bool release() override { return true; }  // nobody wears it
 
@@ -51,6 +56,7 @@ class HapticLogDriver : public HapticDriver {
   Options options_;
   Record record_;
   GloveEncoders encoders_;
+  SmoothFingers fingers_;
   Nanoseconds last_logged_ = 0;
   std::unique_ptr<RecordLog<Record>> log_;
 };
