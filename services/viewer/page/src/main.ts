@@ -1,4 +1,5 @@
-// Connects connection, timeline, stage and panel with the controls of the page. Parameters of the address:
+// Connects connection, timeline, stage and panel with the controls of the page.
+// Parameters of the address:
 // - ?plain: hides everything but the picture.
 // - ?theme=dark|light
 // - ?tracker=8091: port of softhand-tracker-webxr on this page's host.
@@ -7,14 +8,16 @@
 // - ?quality=high|low
 // - ?camera=x,y,z,x,y,z: position and target in metres.
 import { Connection } from "./connection";
+import { COUPLING_COLOUR, FORCE_COLOUR, SKELETON_COLOURS } from "./glyphs";
 import { type Mode, Headset, offers } from "./headset";
 import { Panel, element, swatch } from "./panel";
 import { PromptSign } from "./prompt";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
+import { bestQuality } from "./quality";
 import { Simulation } from "./simulation";
 import { type Colouring, colourMap } from "./skin";
-import { type Shown, COUPLING_COLOUR, FORCE_COLOUR, SKELETON_COLOURS, Stage, bestQuality } from "./stage";
+import { type Shown, Stage } from "./stage";
 import { Timeline } from "./timeline";
 import * as THREE from "three";
 
@@ -463,7 +466,7 @@ declare global {
 window.softhand = {
   counts,
   handCount: () => stage.handCount,
-  fixResolution: (scale) => stage.fixResolution(scale),
+  fixResolution: (scale) => stage.resolution.fix(scale),
   seek: (seconds) => timeline.seekTime(seconds),
   signIsVisible: () => prompts.sign.visible,
 };

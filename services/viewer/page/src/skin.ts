@@ -1,7 +1,7 @@
 // The skin of a hand, or the surface of a flexible object. It is deformed here from the nodes with the weights of the
 // description. So a smooth hand needs only the bytes of a coarse one.
 import * as THREE from "three";
-import type { Quality } from "./stage";
+import type { Quality } from "./quality";
 import type { Contact, Nodes, SkinDescription } from "./protocol";
 
 export type Colouring = "skin" | "pressure" | "strain";

@@ -3,8 +3,7 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
-import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
-import { toCreasedNormals } from "three/addons/utils/BufferGeometryUtils.js";
+import { type SkeletonKind, Arrows, Bones, COUPLING_COLOUR, FORCE_COLOUR } from "./glyphs";
 import {
   type Bone,
   type Contact,
@@ -16,160 +15,14 @@ import {
   type SkinDescription,
   BONES,
   FIRST_SOFT_OBJECT,
-  JOINTS,
   Shape,
 } from "./protocol";
+import { type Quality, Resolution } from "./quality";
+import { shapeOf } from "./shapes";
 import { type Colouring, Skin } from "./skin";
 
-export type SkeletonKind = "tracked" | "intermediate" | "simulated";
-export const SKELETON_COLOURS: Record<SkeletonKind, number> = {
-  tracked: 0xe69f00,
-  intermediate: 0x009e9e,
-  simulated: 0x8456d6,
-};
-export const FORCE_COLOUR = 0xe0402a;
-export const COUPLING_COLOUR = 0x2f7de1;
 const OBJECT_COLOURS = [0x4f86c6, 0xe0a030, 0x5aa469, 0xb565a7, 0xd1603d, 0x3fa7a0];
 const STATIC_COLOURS = { light: 0x9aa7b4, dark: 0x39424d }; // cool colours, so that the hand stands out
-const METRES_PER_NEWTON = 0.025;
-const LONGEST_ARROW = 0.15;
-
-/** The parent (proximal) joint of each joint in OpenXR's order. -1 for the wrist. */
-const PARENT = Array.from({ length: JOINTS }, (_, j) =>
-  j === 1 ? -1 : j === 0 || j === 2 || (j >= 6 && (j - 6) % 5 === 0) ? 1 : j - 1,
-);
-const UP = new THREE.Vector3(0, 1, 0);
-
-/** Up to `capacity` arrows, drawn in two calls. */
-class Arrows {
-  readonly group = new THREE.Group();
-  private readonly shafts: THREE.InstancedMesh;
-  private readonly heads: THREE.InstancedMesh;
-  private readonly matrix = new THREE.Matrix4();
-  private readonly turn = new THREE.Quaternion();
-  private readonly direction = new THREE.Vector3();
-  private readonly from = new THREE.Vector3();
-  private readonly scale = new THREE.Vector3();
-
-  constructor(
-    capacity: number,
-    colour: number,
-    private readonly radius: number,
-    sides: number,
-  ) {
-    const material = new THREE.MeshStandardMaterial({
-      color: colour,
-      roughness: 0.5,
-      emissive: colour,
-      emissiveIntensity: 0.35,
-      depthTest: false,
-      transparent: true,
-      opacity: 0.92,
-    });
-    this.shafts = new THREE.InstancedMesh(
-      new THREE.CylinderGeometry(1, 1, 1, sides).translate(0, 0.5, 0),
-      material,
-      capacity,
-    );
-    this.heads = new THREE.InstancedMesh(new THREE.ConeGeometry(1, 1, sides).translate(0, 0.5, 0), material, capacity);
-    for (const mesh of [this.shafts, this.heads]) {
-      mesh.count = 0;
-      mesh.frustumCulled = false;
-      mesh.renderOrder = 3;
-      this.group.add(mesh);
-    }
-  }
-
-  clear(): void {
-    this.shafts.count = this.heads.count = 0;
-  }
-
-  /** Adds an arrow that ends at `tip` if `into`, otherwise starts at `tip`. */
-  add(tip: Float32Array, force: Float32Array, into: boolean): void {
-    const n = this.shafts.count;
-    if (n >= this.shafts.instanceMatrix.count) return;
-    this.direction.fromArray(force);
-    const length = Math.min(LONGEST_ARROW, this.direction.length() * METRES_PER_NEWTON);
-    if (length < 0.0008) return;
-    this.direction.normalize();
-    const head = Math.min(0.5 * length, 4.5 * this.radius);
-    this.turn.setFromUnitVectors(UP, this.direction);
-    this.from.fromArray(tip);
-    if (into) this.from.addScaledVector(this.direction, -length);
-    this.shafts.setMatrixAt(
-      n,
-      this.matrix.compose(this.from, this.turn, this.scale.set(this.radius, length - head, this.radius)),
-    );
-    this.from.addScaledVector(this.direction, length - head);
-    this.heads.setMatrixAt(
-      n,
-      this.matrix.compose(this.from, this.turn, this.scale.set(2.2 * this.radius, head, 2.2 * this.radius)),
-    );
-    this.shafts.count = this.heads.count = n + 1;
-  }
-
-  finish(): void {
-    this.shafts.instanceMatrix.needsUpdate = this.heads.instanceMatrix.needsUpdate = true;
-  }
-}
-
-class Bones {
-  readonly group = new THREE.Group();
-  private readonly joints: THREE.InstancedMesh;
-  private readonly links: THREE.InstancedMesh;
-
-  constructor(kind: SkeletonKind) {
-    const colour = SKELETON_COLOURS[kind];
-    const material = new THREE.MeshStandardMaterial({
-      color: colour,
-      roughness: 0.45,
-      emissive: colour,
-      emissiveIntensity: 0.25,
-      depthTest: false,
-      transparent: true,
-      opacity: 0.9,
-    });
-    this.joints = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 14, 10), material, JOINTS);
-    this.links = new THREE.InstancedMesh(new THREE.CylinderGeometry(0.6, 1, 1, 10), material, JOINTS);
-    for (const mesh of [this.joints, this.links]) {
-      mesh.frustumCulled = false;
-      mesh.renderOrder = 2;
-      this.group.add(mesh);
-    }
-    this.group.visible = false;
-  }
-
-  pose(skeleton: Skeleton): void {
-    const matrix = new THREE.Matrix4();
-    const a = new THREE.Vector3();
-    const b = new THREE.Vector3();
-    const turn = new THREE.Quaternion();
-    const size = new THREE.Vector3();
-    const none = new THREE.Matrix4().makeScale(0, 0, 0);
-    skeleton.joints.forEach((joint, j) => {
-      const parent = skeleton.joints[PARENT[j]!];
-      this.joints.setMatrixAt(
-        j,
-        joint.valid
-          ? matrix.compose(a.fromArray(joint.position), turn.identity(), size.setScalar(0.0036))
-          : none,
-      );
-      if (!joint.valid || !parent?.valid) {
-        this.links.setMatrixAt(j, none);
-        return;
-      }
-      a.fromArray(parent.position);
-      b.fromArray(joint.position);
-      const length = a.distanceTo(b);
-      size.subVectors(b, a).normalize();
-      turn.setFromUnitVectors(UP, size);
-      a.add(b).multiplyScalar(0.5);
-      this.links.setMatrixAt(j, matrix.compose(a, turn, size.set(0.0022, length, 0.0022)));
-    });
-    this.joints.instanceMatrix.needsUpdate = this.links.instanceMatrix.needsUpdate = true;
-  }
-}
-
 interface Hand {
   skin: Skin | null;
   nodes: Nodes | null;
@@ -179,18 +32,6 @@ interface Hand {
   fingerArrows: Arrows;
   points: THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>;
   couplingArrows: Arrows;
-}
-
-/** low: for computers without a graphics card, and for slow ones. */
-export type Quality = "high" | "low";
-
-/** Returns high if a graphics card draws. */
-export function bestQuality(): Quality {
-  const context = document.createElement("canvas").getContext("webgl2");
-  const info = context?.getExtension("WEBGL_debug_renderer_info");
-  const name = info ? String(context!.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return /swiftshader|llvmpipe|software|basic render/i.test(name) ? "low" : "high";
 }
 
 export interface Shown {
@@ -224,9 +65,7 @@ export class Stage {
   private readonly sideDirection = new THREE.Vector3(1, 0, 0); // horizontal, to the right on the screen
   private framed = false;
   private free = { left: 0, top: 0, right: 0, bottom: 0 };
-  private scale = 1; // of the resolution; smaller if drawing takes too long
-  private drawTime = 16; // ms, smoothed
-  private adapts: boolean; // the resolution to the time that drawing takes
+  readonly resolution: Resolution;
   colouring: Colouring = "skin";
   /** Present end of the colour map: Pa or 1. */
   full = 1;
@@ -238,7 +77,7 @@ export class Stage {
   ) {
     this.shown = shown;
     const fine = quality === "high";
-    this.adapts = !fine;
+    this.resolution = new Resolution(!fine);
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: fine, preserveDrawingBuffer: true });
     this.renderer.shadowMap.enabled = true;
     this.renderer.shadowMap.type = fine ? THREE.PCFSoftShadowMap : THREE.BasicShadowMap;
@@ -560,7 +399,7 @@ export class Stage {
     }
     const width = this.canvas.clientWidth;
     const height = this.canvas.clientHeight;
-    const ratio = Math.min(window.devicePixelRatio, this.quality === "high" ? 2 : 1) * this.scale;
+    const ratio = Math.min(window.devicePixelRatio, this.quality === "high" ? 2 : 1) * this.resolution.scale;
     const size = this.renderer.getSize(new THREE.Vector2());
     if (size.x !== width || size.y !== height || this.renderer.getPixelRatio() !== ratio) {
       this.renderer.setPixelRatio(ratio);
@@ -591,22 +430,9 @@ export class Stage {
     this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
-  /**
-   * Reduces the resolution if `elapsed` (ms between two pictures) stays long, and increases it again if there is time.
-   */
+  /** `elapsed`: ms between two pictures. */
   adapt(elapsed: number): void {
-    if (!this.adapts || this.renderer.xr.isPresenting) return;
-    this.drawTime += 0.1 * (Math.min(elapsed, 500) - this.drawTime);
-    if (this.drawTime > 70 && this.scale > 0.5) this.scale = Math.max(0.5, this.scale - 0.125);
-    else if (this.drawTime < 25 && this.scale < 1) this.scale = Math.min(1, this.scale + 0.125);
-    else return;
-    this.drawTime = 45;
-  }
-
-  /** Keeps the resolution at `scale` of the full one from now on. */
-  fixResolution(scale: number): void {
-    this.scale = scale;
-    this.adapts = false;
+    if (!this.renderer.xr.isPresenting) this.resolution.adapt(elapsed);
   }
 
   private hand(instance: number): Hand {
@@ -692,32 +518,4 @@ export class Stage {
 function niceCeiling(value: number): number {
   const power = 10 ** Math.floor(Math.log10(value));
   return [1, 2, 5, 10].map((step) => step * power).find((step) => step >= value * 0.9999)!;
-}
-
-function shapeOf({ shape, size, vertices, triangles }: ObjectDescription): THREE.BufferGeometry {
-  const [x, y, z] = [size[0]!, size[1]!, size[2]!];
-  switch (shape) {
-    case Shape.sphere:
-      return new THREE.SphereGeometry(x, 48, 32);
-    case Shape.box:
-      return new THREE.BoxGeometry(2 * x, 2 * y, 2 * z);
-    case Shape.capsule:
-      return new THREE.CapsuleGeometry(x, 2 * y, 16, 40);
-    case Shape.cylinder:
-      return new THREE.CylinderGeometry(x, x, 2 * y, 56);
-    case Shape.hull: {
-      const points = [];
-      for (let i = 0; i + 2 < vertices.length; i += 3)
-        points.push(new THREE.Vector3(vertices[i]!, vertices[i + 1]!, vertices[i + 2]!));
-      return new ConvexGeometry(points);
-    }
-    case Shape.file: {
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(vertices, 3));
-      geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
-      return toCreasedNormals(geometry, 0.6);
-    }
-    default:
-      return new THREE.PlaneGeometry(4, 4).rotateX(-Math.PI / 2);
-  }
 }
