@@ -188,8 +188,7 @@ void describe(OptionVisitor& v, SceneOptions& o) {
   describe_section(v, "generator", "A generated motion.", o.generator);
   describe_section(v, "tracker", "How the replay tracker delivers the motion.", o.tracker);
   for (auto& [section, driver] : o.drivers)
-    v.section(section, driver_program(section) + ": " + driver.about,
-              [&](OptionVisitor& inner) { driver.options.visit(inner); });
+    describe_section(v, section, driver_program(section) + ": " + driver.about, driver.options);
   describe_section(v, "tracking", "The intermediate layer.", o.tracking);
   describe_section(v, "hand", "The hand simulation.", o.hand);
   describe_section(v, "world", "The physics engine's world.", o.world);

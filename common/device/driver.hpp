@@ -36,7 +36,7 @@ class DriverOptions {
   const Options* as() const {
     return std::any_cast<Options>(&value_);
   }
-  void visit(OptionVisitor& v) { describe_(v, value_); }
+  friend void describe(OptionVisitor& v, DriverOptions& o) { o.describe_(v, o.value_); }
 
  private:
   std::any value_;
