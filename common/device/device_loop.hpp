@@ -47,7 +47,7 @@ class DeviceDriver {
   virtual ~DeviceDriver() = default;
   virtual DeviceLimits limits() const = 0;
   /// Computes the requested commands for this input, one number per actuator. `requested` is zero on entry. The values
-  /// need not respect the limits. Those of a haptic device must be linear in the coupling forces and torques: the local
+  /// need not respect the limits. Those of a haptic device must be linear in the coupling forces and torques. The local
   /// model asks for the commands of parts of an input. Real-time.
   virtual void command(const Input& input, std::span<double> requested) = 0;
   /// A haptic device that measures its motion writes the position of each actuator, m, in the direction in which a
@@ -72,8 +72,8 @@ class DeviceDriver {
 };
 using TactileDriver = DeviceDriver<SkinTraction>;
 
-/// Adds the force against closing of each finger, N, thumb first: the sum of the coupling forces on the finger's bones,
-/// projected on the dorsal axis of the distal bone. Negative: the simulated finger pulls. Real-time.
+/// Adds the force against closing of each finger, N, thumb first. It is the sum of the coupling forces on the finger's
+/// bones, projected on the dorsal axis of the distal bone. Negative: the simulated finger pulls. Real-time.
 void add_closing_resistance(const BoneWrench& input, std::span<double> forces);
 
 struct DeviceLoopOptions {

@@ -10,8 +10,8 @@ namespace softhand {
 
 /// How a stream of bytes is divided into packets.
 struct Framing {
-  /// Size of the first packet of `bytes`: 0 if it takes more bytes to know, more than the largest packet if the bytes
-  /// are not of this protocol.
+  /// Size of the first packet of `bytes`. 0: it takes more bytes to know. More than the largest packet: the bytes are
+  /// not of this protocol.
   using Size = std::size_t (*)(std::string_view bytes);
 
   Framing(char last) : end(last) {}           // NOLINT: a character says enough

@@ -1,6 +1,6 @@
-// The commands of `softhand`, each in a file of its own. Every command returns the exit code of the process: 0 for
-// success, 1 for failure (for example nobody answered, or a process had to be killed), kExitHeld if another rig holds
-// the domain. Errors are thrown as std::exception. main prints them as one line and returns 1.
+// The commands of `softhand`, each in a file of its own. Every command returns the exit code of the process. 0 is
+// success. 1 is failure: for example, nobody answered, or a process had to be killed. kExitHeld: another rig holds the
+// domain. Errors are thrown as std::exception. main prints them as one line and returns 1.
 #pragma once
 
 #include <cstdint>

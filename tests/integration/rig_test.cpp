@@ -202,10 +202,8 @@ INSTANTIATE_TEST_SUITE_P(Of, RigDeath,
 
 TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
   RigListener listener;
-  // One motion has all three faults.
-  // - The hand is 10 m away from 2 s to 3 s.
-  // - One bone is NaN from 4 s to 4.5 s.
-  // - No samples come from 5.5 s to 7.5 s.
+  // One motion has all three faults. The hand is 10 m away from 2 s to 3 s. One bone is NaN from 4 s to 4.5 s. No
+  // samples come from 5.5 s to 7.5 s.
   Up up(kDemo, {"--set", "generator.motion=free_motion", "--set", "generator.object_position=[0,0.5,0]", "--set",
                 "generator.free_time=3600", "--set", "tracker.teleport_at=2", "--set", "tracker.teleport_time=1",
                 "--set", "tracker.nan_at=4", "--set", "tracker.nan_time=0.5", "--set", "tracker.freeze_at=5.5", "--set",
