@@ -89,10 +89,15 @@ export async function gateway(port = 0, ...settings) {
 export async function browser(...more) {
   const executablePath = ["/usr/bin/chromium", "/usr/bin/google-chrome"].find(existsSync);
   if (!executablePath) throw new Error("no chromium: apt-get install chromium");
-  return chromium.launch({
-    executablePath,
-    args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist", ...more],
-  });
+  const args = [
+    "--no-sandbox",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-gpu-watchdog", // it would end the process that draws if this machine stalls
+    ...more,
+  ];
+  return chromium.launch({ executablePath, args });
 }
 
 // ---- frames, implemented again from docs/viewer.md, so that an error in the page's own code shows ----

@@ -432,6 +432,7 @@ function draw(now: number, frame?: XRFrame): void {
   prompts.draw(now, stage.renderer.xr.isPresenting);
   stage.adapt(elapsed);
   stage.render();
+  element("blind").hidden = !stage.isBlind;
   ++counts.drawn;
   if (now - drawnPanel > 100) {
     drawnPanel = now;

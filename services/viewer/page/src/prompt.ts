@@ -40,7 +40,8 @@ export class PromptSign {
 
   /** Call it for every picture. `inHeadset`: the picture is for a headset, which does not show the page. */
   draw(now: number, inHeadset: boolean): void {
-    const left = this.prompt.seconds - (now - this.shownAt) / 1000;
+    // `now` is the start of the picture, and a prompt can arrive after it.
+    const left = this.prompt.seconds - Math.max(0, now - this.shownAt) / 1000;
     const text = left > -KEPT ? this.prompt.text : "";
     this.sign.visible = inHeadset && text !== "";
     const seconds = String(Math.max(0, Math.ceil(left)));

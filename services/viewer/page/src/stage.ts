@@ -84,9 +84,9 @@ export class Stage {
     this.renderer.toneMapping = THREE.ACESFilmicToneMapping;
     this.renderer.toneMappingExposure = 0.95;
     if (fine) {
-      const generator = new THREE.PMREMGenerator(this.renderer);
-      this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
-      generator.dispose();
+      this.lightRoom();
+      // The renderer uploads everything again, but this texture was drawn by the lost context.
+      canvas.addEventListener("webglcontextrestored", () => this.lightRoom());
     } else {
       this.scene.add(this.sky);
     }
@@ -430,6 +430,11 @@ export class Stage {
     this.camera.setViewOffset(width, height, -left, -top, clientWidth, clientHeight);
   }
 
+  /** True while the browser has no graphics context for this page, for example after its graphics process ended. */
+  get isBlind(): boolean {
+    return this.renderer.getContext().isContextLost();
+  }
+
   /** `elapsed`: ms between two pictures. */
   adapt(elapsed: number): void {
     if (!this.renderer.xr.isPresenting) this.resolution.adapt(elapsed);
@@ -465,6 +470,12 @@ export class Stage {
     this.scene.add(hand.contactArrows.group, hand.fingerArrows.group, hand.couplingArrows.group, hand.points);
     this.applyShown();
     return hand;
+  }
+
+  private lightRoom(): void {
+    const generator = new THREE.PMREMGenerator(this.renderer);
+    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
+    generator.dispose();
   }
 
   private updateSideDirection(): void {
