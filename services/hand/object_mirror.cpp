@@ -96,6 +96,19 @@ void ObjectMirror::describe_object(const ObjectDescription& description,
   const bool stays = known != objects_.end() && known->seen && description.removed == 0 && description.is_static != 0 &&
                      known->description.is_static != 0 && known->description.friction == description.friction &&
                      is_same(known->description.shape, description.shape);
+  std::shared_ptr<const ShapeGeometry> shape;
+  if (description.removed == 0) {  // all that may be refused, before anything changes
+    check(description);
+    if (known == objects_.end() && objects_.size() == kMaxObjects)
+      throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
+    // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
+    const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
+    if (!has_shape && file_shape == nullptr && load_shape_ && !description.shape.file.empty())
+      file_shape = load_shape_(description.shape.file[0]);
+    shape = has_shape               ? known->shape
+            : file_shape != nullptr ? std::move(file_shape)
+                                    : std::make_shared<const ShapeGeometry>(description.shape);
+  }
   if (known != objects_.end() && !stays) release(known->assembly);
   if (description.removed != 0) {
     if (known == objects_.end()) return;
@@ -107,18 +120,7 @@ void ObjectMirror::describe_object(const ObjectDescription& description,
     }
     return;
   }
-  check(description);
-  // Loading a large hull takes longer than a step may take, so an unchanged shape is kept.
-  const bool has_shape = known != objects_.end() && is_same(known->description.shape, description.shape);
-  if (!has_shape && file_shape == nullptr && load_shape_ && !description.shape.file.empty())
-    file_shape = load_shape_(description.shape.file[0]);
-  auto shape = has_shape               ? known->shape
-               : file_shape != nullptr ? std::move(file_shape)
-                                       : std::make_shared<const ShapeGeometry>(description.shape);
-  if (known == objects_.end()) {
-    if (objects_.size() == kMaxObjects) throw std::invalid_argument("objects: at most " + std::to_string(kMaxObjects));
-    known = objects_.emplace(objects_.end());
-  }
+  if (known == objects_.end()) known = objects_.emplace(objects_.end());
   known->id = description.object;
   known->description = description;
   if (stays) return;

@@ -66,6 +66,7 @@ class BoneSegments {
 }  // namespace
 
 void ObjectMirror::clear_slot(KnownObject& object) {
+  object.is_free = false;  // its joints end with it (`move_joints`)
   if (object.slot < 0) return;
   simulation_.clear_slot(object.slot);
   slot_object_[static_cast<std::size_t>(object.slot)] = -1;

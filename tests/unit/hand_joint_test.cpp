@@ -133,6 +133,46 @@ TEST(HandJoints, AStaticParentNeedsNoSlotAndARemovedJointFreesItsObjects) {
   EXPECT_EQ(stepper.step({{1, far}, {2, near}, {3, far}}), Ids{2});
 }
 
+// A drawer: object 2, which the fingertip may touch, moves along the fixed object 1.
+void describe_drawer(HandLoop& loop) {
+  loop.describe_object(cube(1, true));
+  loop.describe_object(cube(2));
+  loop.describe_joint(joint(1, 1, 2));
+}
+
+// The world describes an object again after `object.reset`, before its next sample.
+TEST(HandJoints, ASetThatIsDescribedAgainWhileItsJointActsLeavesTheHand) {
+  Stepper stepper(loop_options(1, 1));
+  describe_drawer(stepper.loop);
+  const Vector3 touching = beside_the_tip(0.019), fixed = beside_the_tip(0.1);
+  for (int i = 0; i < 3; ++i) ASSERT_EQ(stepper.step({{1, fixed}, {2, touching}}), Ids{2});
+  ASSERT_EQ(stepper.loop.simulation().slot_mode(0), SlotMode::dynamic) << "its joint must act";
+  ObjectDescription again = cube(2);
+  again.stamp.sample_time = kSecond + 100 * kPeriod;
+  stepper.loop.describe_object(again);
+  EXPECT_EQ(stepper.step({{1, fixed}, {2, touching}}), Ids{}) << "older samples say nothing about its place";
+}
+
+TEST(HandJoints, TheJointsOfASetThatLeavesActOnNoOtherObject) {
+  Stepper stepper(loop_options(1, 1));
+  describe_drawer(stepper.loop);
+  stepper.loop.describe_object(cube(3));
+  const Vector3 near = beside_the_tip(0.06), touching = beside_the_tip(0.019);
+  const Vector3 fixed = beside_the_tip(0.1), far = beside_the_tip(1);
+  for (int i = 0; i < 12; ++i) ASSERT_EQ(stepper.step({{1, fixed}, {2, near}, {3, far}}), Ids{2});
+  ASSERT_EQ(stepper.step({{1, fixed}, {2, touching}, {3, far}}), Ids{2});
+  ASSERT_EQ(stepper.loop.simulation().slot_mode(0), SlotMode::dynamic) << "the hand may touch it";
+  ASSERT_EQ(stepper.loop.output().coupling.twins[0].owned, 0u) << "it did not touch it at the start of this step";
+  for (int i = 0; i < 3; ++i) ASSERT_EQ(stepper.step({{1, fixed}, {2, far}, {3, touching}}), Ids{3});
+  EXPECT_EQ(to_vector(stepper.loop.output().coupling.twins[0].coupling_force).norm(), 0);
+  std::vector<std::byte> memory(1 << 20);
+  ByteWriter saved(memory);
+  stepper.loop.save(saved);
+  HandLoop next(hand(), loop_options(1, 1), {});
+  ByteReader bytes(saved.written());
+  EXPECT_NO_THROW(next.load(bytes));
+}
+
 TEST(HandJoints, RefusesJointsThatCannotRunAndKeepsTheOldOne) {
   Stepper stepper(loop_options(2, 2));
   for (const std::uint32_t id : {1u, 2u}) stepper.loop.describe_object(cube(id));

@@ -352,6 +352,32 @@ TEST(HandLoop, RefusesUnusableDescriptions) {
   EXPECT_NO_THROW(loop.describe_object(fixed));
 }
 
+TEST(HandLoop, KeepsAHeldObjectWhoseNewDescriptionIsRefused) {
+  const HandModel model = hand();
+  HandLoop loop(model, loop_options(), {});
+  loop.describe_object(cube(3));
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+  const auto step = [&](double wrist_y) {
+    now += 11'111'111;
+    const Skeleton sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
+    const WorldObjects world = world_with(3, Vector3(-0.012, -0.039, -0.092), now);
+    const HandOutput& output = loop.step(now, {&sample, nullptr, &world}, {});
+    return !output.coupling.twins.empty() && output.coupling.twins[0].owned != 0;
+  };
+  step(0);
+  int steps = 0;
+  while (!step(-0.004) && steps < 60) ++steps;
+  ASSERT_LT(steps, 60);
+  ObjectDescription bad = cube(3);
+  bad.friction = -1;
+  EXPECT_THROW(loop.describe_object(bad), std::invalid_argument);
+  const Skeleton same = skeleton_at(model, {Vector3(0, -0.004, 0), Quaternion::Identity()}, now, ++sequence);
+  const HandOutput& output = loop.step(now, {&same}, {});
+  ASSERT_EQ(output.coupling.twins.size(), 1u);
+  EXPECT_EQ(output.coupling.twins[0].owned, 1u);
+}
+
 TEST(HandLoop, RefusesInvalidObjectStatesAndContinues) {
   constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
   const HandModel model = hand();
