@@ -60,8 +60,8 @@ struct TrackedInputCounters {
   std::uint64_t swapped = 0;             ///< changes from one tracker to another
 };
 
-/// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than 5 ms in the
-/// future or more than 1 s in the past.
+/// Returns false if the sample time cannot come from the clock of `now`. This is so if it is more than
+/// `kFutureTolerance` in the future or more than 1 s in the past.
 bool is_plausible(Nanoseconds sample_time, Nanoseconds now);
 
 class TrackedInput {

@@ -328,7 +328,7 @@ void HandSimulation::set_object_target(int slot, const Pose& pose, const Twist& 
 
 // Puts the objects and joints of `other` into the same slots and places. `modes_` and `objects_` are already copied.
 void HandSimulation::take_objects(const HandSimulation& other) {
-  *inertia_ = *other.inertia_;  // no memory, only what the caller set
+  *inertia_ = *other.inertia_;  // what the caller set, and the figures of the last step
   for (int slot = 0; slot < slot_count(); ++slot) {
     set_contact_object(slot);
     if (planes_ == nullptr || slot_is_static(slot)) continue;

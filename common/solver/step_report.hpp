@@ -55,7 +55,7 @@ struct StepReport {
   bool measured = false;       ///< energy, residual and terms are those of the result
   double work = 0;             ///< in fast steps (step_work.hpp)
   int shifts = 0;              ///< factorisations repeated with a diagonal shift
-  bool chord = false;          ///< the step was a chord step (`allow_chord_steps`)
+  bool chord = false;          ///< the step was a chord step (newton_solver.hpp)
   std::size_t term_count = 0;
   std::array<TermEnergy, kMaxTerms> terms{};  ///< E by term, the first `term_count`
   StepTiming timing;

@@ -11,8 +11,8 @@
 namespace softhand {
 namespace {
 
-// m. A hand of two whose pose is unknown is here, far from everything.
-constexpr double kParkedDepth = 100;
+// m. A hand of two whose pose is unknown is here, far from everything, and outside of a floor without an end.
+constexpr double kParkedHeight = 100;
 
 std::vector<HandModel> models_of(const std::vector<KeyedHand>& hands) {
   std::vector<HandModel> models;
@@ -52,7 +52,7 @@ HandLoop::~HandLoop() = default;
 void HandLoop::park_unknown() {
   for (int hand = 0; hand_count() > 1 && hand < hand_count(); ++hand) {
     if (!hands_[static_cast<std::size_t>(hand)]->is_known())
-      simulation_->reposition({Vector3(hand, -kParkedDepth, 0), Quaternion::Identity()}, hand);
+      simulation_->reposition({Vector3(hand, kParkedHeight, 0), Quaternion::Identity()}, hand);
   }
 }
 
@@ -99,6 +99,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   for (const auto& hand : hands_) hand->set_targets(now);
   if (!plays()) {
     for (const auto& hand : hands_) hand->output().valid = false;
+    output().report = {};
     return output();
   }
   mirror_.begin_step(now, settles(), input.other_hands);

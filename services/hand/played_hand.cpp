@@ -12,14 +12,17 @@
 namespace softhand {
 namespace {
 
-// s after a reposition. The hand was placed in its rest pose, so its fingers move fast. They must not hit objects away,
-// and pass through flexible ones and through the other hand.
+// s after a reposition. The hand was moved in its posture at that time, so its fingers may move fast. They must not hit
+// objects away, and pass through flexible ones and through the other hand.
 constexpr double kSettlingTime = 0.1;
+constexpr double kPlausibleLimit = 1e4;  // m, m/s, rad/s; larger values are refused
 
+// False for numbers that are not finite, too.
 bool usable(const JointSample& joint) {
-  return (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
-         all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) && joint.confidence >= 0 &&
-         joint.confidence <= 1 && std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
+  const auto plausible = [](const Vec3& each) { return to_vector(each).norm() < kPlausibleLimit; };
+  return (joint.flags & kJointValid) != 0 && plausible(joint.position) && plausible(joint.linear_velocity) &&
+         plausible(joint.angular_velocity) && joint.confidence >= 0 && joint.confidence <= 1 &&
+         std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
 }
 
 Twist twist_of(const JointSample& joint) {
@@ -58,6 +61,7 @@ void PlayedHand::reset(Nanoseconds time) {
   skeleton_ = {};
   traction_.forget();
   any_skeleton_ = reposition_asked_ = false;
+  settling_time_ = 0;
 }
 
 void PlayedHand::reposition(const Pose& wrist) {
@@ -88,7 +92,10 @@ void PlayedHand::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
   const Skeleton before = skeleton_;
   skeleton_ = skeleton;
   for (std::size_t j = 0; j < kJointCount; ++j) {
-    if (usable(skeleton.joints[j])) continue;
+    if (usable(skeleton.joints[j])) {
+      skeleton_.joints[j].orientation = to_wire(to_quaternion(skeleton.joints[j].orientation).normalized());
+      continue;
+    }
     if ((skeleton.joints[j].flags & kJointValid) != 0) ++counters_.refused_nonfinite;
     skeleton_.joints[j] = before.joints[j];  // keeps its last valid pose
   }
@@ -117,7 +124,8 @@ void PlayedHand::set_targets(Nanoseconds now) {
   if (options_.direct) {
     const auto& targets = tracked_.targets(now);
     const auto& carpus = targets[static_cast<std::size_t>(index_of(Body::carpus))];
-    if ((tracked_.take_repositioned() || reposition_asked_) && carpus.valid) {
+    // Without a wrist the reposition waits for one.
+    if (carpus.valid && (tracked_.take_repositioned() || reposition_asked_)) {
       reposition(carpus.pose);
       any_skeleton_ = true;
     }

@@ -85,6 +85,34 @@ TEST(HandLoop, RefusesABoneWithNaNAndFollowsTheOthers) {
 }
 
 // The intermediate skeleton may come from another program.
+TEST(HandLoop, RefusesAbsurdPosesAndUsesUnitQuaternions) {
+  for (int field = 0; field < 3; ++field) {
+    HandLoop loop(hand(), loop_options(), {});
+    Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
+    for (JointSample& joint : sample.joints)
+      for (double& each : joint.orientation) each *= 1.009;
+    loop.step(kSecond, {&sample}, {});
+    const auto length = [&loop] {
+      return (loop.simulation().joint_pose(Joint::index_tip).position -
+              loop.simulation().joint_pose(Joint::wrist).position)
+          .norm();
+    };
+    const double rest =
+        (hand().rest_joints[index(Joint::index_tip)].position - hand().rest_joints[index(Joint::wrist)].position)
+            .norm();
+    EXPECT_NEAR(length(), rest, 1e-6);
+    Skeleton absurd = skeleton_at(hand(), {}, kSecond + 11'111'111, 2);
+    JointSample& wrist = absurd.joints[index(Joint::wrist)];
+    (field == 0 ? wrist.position : field == 1 ? wrist.linear_velocity : wrist.angular_velocity)[0] = 1e15;
+    loop.step(kSecond + 11'111'111, {&absurd}, {});
+    sample = skeleton_at(hand(), {}, kSecond + 22'222'222, 3);
+    loop.step(kSecond + 22'222'222, {&sample}, {});
+    EXPECT_EQ(loop.counters().refused_nonfinite, 1u);
+    EXPECT_EQ(loop.counters().failed_steps, 0u);
+    EXPECT_NEAR(length(), rest, 1e-4) << "m, a hand far away would have lost its shape";
+  }
+}
+
 TEST(HandLoop, RefusesABoneWithoutAnHonestConfidenceAndWeakensOneInDoubt) {
   const auto force_with = [](double confidence, std::uint64_t refused) {
     HandLoop loop(hand(), loop_options(), {});
@@ -265,6 +293,17 @@ TEST(HandLoop, PublishesTheBoneWrenchItselfInDirectMode) {
   const Skeleton sample = skeleton_at(model, {Vector3(0, 0.039, 0), Quaternion::Identity()}, now, 1000);
   const HandOutput& output = loop.step(now, {&sample}, {});
   EXPECT_EQ(output.bone_wrench.simulated_valid, 1u);
+}
+
+TEST(HandLoop, BeginsWhenTheWristAppearsInDirectMode) {
+  HandOptions o = loop_options();
+  o.direct = true;
+  HandLoop loop(hand(), o, {});
+  Skeleton sample = skeleton_at(hand(), {}, kSecond, 1);
+  sample.joints[index(Joint::wrist)].flags = 0;
+  EXPECT_FALSE(loop.step(kSecond, {&sample}, {}).valid);
+  sample = skeleton_at(hand(), {}, kSecond + 11'111'111, 2);
+  EXPECT_TRUE(loop.step(kSecond + 11'111'111, {&sample}, {}).valid);
 }
 
 TEST(HandLoop, AcceptsATrackerWithAnotherClockAfterAResetInDirectMode) {
