@@ -18,12 +18,14 @@ struct SkinFrame {
   double length;                    ///< |b - a|, m
   double twice_area;                ///< m^2
   std::array<Vector3, 3> opposite;  ///< by corner: the edge that it does not have, counter-clockwise
+  // Lower limits keep the derivatives of a collapsed triangle finite.
+  static constexpr double kLeastLength = 1e-6;      // m
+  static constexpr double kLeastTwiceArea = 1e-10;  // m^2
 
   SkinFrame(const Vector3& a, const Vector3& b, const Vector3& c) : opposite{c - b, a - c, b - a} {
-    // Lower limits keep the derivatives of a collapsed triangle finite.
     const Vector3 across = opposite[2].cross(opposite[0]);
-    twice_area = std::max(across.norm(), 1e-10);
-    length = std::max(opposite[2].norm(), 1e-6);
+    twice_area = std::max(across.norm(), kLeastTwiceArea);
+    length = std::max(opposite[2].norm(), kLeastLength);
     n = across / twice_area;
     const Vector3 t1 = opposite[2] / length;
     t2 = n.cross(t1);

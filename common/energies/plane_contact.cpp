@@ -260,6 +260,23 @@ PlaneContact::Response PlaneContact::respond(const Plane& plane, const Point& po
   return result;
 }
 
+bool PlaneContact::revise(const State& state) {
+  bool changed = false;
+  for (std::size_t i = 0; i < slots_.size(); ++i) {
+    const Pose& body = state.body_poses[static_cast<std::size_t>(first_body_) + i];
+    for (const Plane& plane : planes_of(slots_[i])) {
+      for (Point& point : points_of(plane)) {
+        if (!point.fresh) continue;
+        point.fresh = false;
+        if (respond(plane, point, body).pushes) continue;
+        point.friction.bound = 0;
+        changed = true;
+      }
+    }
+  }
+  return changed;
+}
+
 double PlaneContact::value(const State& state) const {
   double energy = 0;
   for (std::size_t i = 0; i < slots_.size(); ++i) {

@@ -12,10 +12,11 @@
 // the sum of the points' weights. The weight of a point falls from 1 at the lowest height to 0 at 1 mm above it. So a
 // plane as a whole has k_A whether a corner, an edge or a face rests on it.
 //
-// As in contact.hpp, a point that is about to reach its plane is held from both sides for that one step. The friction's
-// bound uses the normal force at the end of the last step. A fresh point has no such force: its bound uses the force
-// that stops its share of the object's mass. The stretch s persists from step to step and slides by Coulomb's law at
-// the step's end. If the object rolls, the touching point moves over the object, and s is kept for the new point.
+// As in contact.hpp, a point that is about to reach its plane is held from both sides, until an iteration has moved it
+// (`revise`). The friction's bound uses the normal force at the end of the last step. A fresh point has no such force:
+// its bound uses the force that stops its share of the object's mass. The stretch s persists from step to step and
+// slides by Coulomb's law at the step's end. If the object rolls, the touching point moves over the object, and s is
+// kept for the new point.
 //
 // Degrees of freedom: translation and rotation of the object's body. Units: J, m, N/m, N s/m.
 #pragma once
@@ -95,6 +96,8 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   void add_pattern(BlockPattern& pattern) const override;
   void bind(const BlockMatrix& matrix) override;
   void begin_step(const State& state, double time_step) override;
+  /// The points that were about to reach their plane are held from one side from now on.
+  bool revise(const State& state) override;
   double value(const State& state) const override;
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
@@ -112,7 +115,7 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
     Vector3 material_start = Vector3::Zero();  // the same point in the world at the step's start
     double stiffness = 0;                      // K
     double target = 0;                         // u*
-    bool fresh = false;
+    bool fresh = false;                        // about to reach the plane, and no iteration has moved the point yet
     CoulombSpring friction;
     double predicted_secant = 0;
     double spring = 0;        // k

@@ -40,7 +40,10 @@ Complex norm(const Complex3& a) { return std::sqrt(dot(a, a)); }
 std::array<Complex3, 4> complex_gradient(const ContactAnchor& anchor, const std::array<Complex3, 4>& x) {
   const Complex3 ab = x[2] - x[1], bc = x[3] - x[2], ca = x[1] - x[3];
   const Complex3 across = cross(ab, bc);
-  const Complex twice_area = norm(across), length = norm(ab);
+  // With the lower bounds of `SkinFrame`, for collapsed triangles.
+  const auto at_least = [](double least, const Complex& size) { return size.real() < least ? Complex(least) : size; };
+  const Complex twice_area = at_least(SkinFrame::kLeastTwiceArea, norm(across));
+  const Complex length = at_least(SkinFrame::kLeastLength, norm(ab));
   const Complex3 n = across / twice_area, t1 = ab / length, t2 = cross(n, t1);
   const Complex3 lever = x[0] - (x[1] + x[2] + x[3]) / 3.0;
   const Complex3 e = Complex3(dot(t1, lever), dot(t2, lever), dot(n, lever)) - anchor.anchor.cast<Complex>();

@@ -132,6 +132,25 @@ TEST(PlaneContact, DampingDoesNotPull) {
   EXPECT_NEAR(body.state.body_velocities[0].linear.y(), 1.0, 1e-9);
 }
 
+// For example a mug that the hand stops above a table.
+TEST(PlaneContact, APointThatStopsAboveThePlaneIsNotPulled) {
+  Body body(kCube, 0.3, Vector3(0, -kGravity, 0), table(0.5));
+  body.state.body_poses[0].position.y() = 0.024;
+  body.state.body_velocities[0].linear.y() = -0.5;
+  State stopped = body.state, landed = body.state;
+  stopped.body_poses[0].position.y() = 0.022;
+  landed.body_poses[0].position.y() = 0.0199;
+  testing::bound_matrix(body.planes, body.state);
+  body.planes.begin_step(body.state, 1.0 / 90);
+  EXPECT_GT(body.planes.value(stopped), 0) << "J, predicted to land";
+  EXPECT_TRUE(body.planes.revise(stopped));
+  EXPECT_EQ(body.planes.value(stopped), 0);
+  EXPECT_GT(body.planes.value(landed), 0) << "J, it may still land in this step";
+  EXPECT_FALSE(body.planes.revise(stopped));
+  body.planes.begin_step(body.state, 1.0 / 90);
+  EXPECT_FALSE(body.planes.revise(landed));
+}
+
 // First the plane carries the object sideways like a conveyor belt. Then it lifts the object like a rising floor.
 TEST(PlaneContact, ObjectFollowsAMovingPlane) {
   Body body(kCube, 0.05, Vector3(0, -kGravity, 0), table(0.8));

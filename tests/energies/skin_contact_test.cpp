@@ -85,6 +85,18 @@ TEST(SkinContact, DerivativesOfAPointOnATriangleOfSeveralNodes) {
   check_term(pressed.skin, pressed.state, kStep, perturbed(pressed.state, 13, 3e-5, 0), {.step = 1e-7});
 }
 
+TEST(SkinContact, ExactHessianOfACollapsedTriangleIsFinite) {
+  Pressed pressed(0.5);
+  const int triangle = pressed.skin.anchors().front().triangle;
+  const auto corners = pressed.skin.search().corners(triangle);
+  for (std::size_t k = 1; k < 3; ++k)
+    pressed.state.node_positions.col(corners[k]) = pressed.state.node_positions.col(corners[0]);
+  BlockMatrix matrix = bound_matrix(pressed.skin, pressed.state);
+  pressed.skin.begin_step(pressed.state, kStep);
+  pressed.skin.add_hessian(pressed.state, matrix, Curvature::exact);
+  EXPECT_TRUE(matrix.dense().allFinite());
+}
+
 TEST(SkinContact, CarriesItsMemory) {
   HandModel hand = fingers({0.0102, 0.0013, 0.0021});
   SkinContact skin(hand, lumped_masses(hand), kStiffness, 0.5);
