@@ -476,6 +476,22 @@ TEST(FusionHead, BlendsBetweenHeadsets) {
   EXPECT_FALSE(fusion.add(second, clock_at(3), out));
 }
 
+TEST(FusionHead, AHeadFromTheFutureDoesNotEndAllOthers) {
+  HeadFusion fusion(FusionOptions{}, {1});
+  HeadPose head, out;
+  head.user = 1;
+  head.valid = 1;
+  head.stamp.sample_time = clock_at(3600);
+  head.stamp.sequence = 70;
+  EXPECT_FALSE(fusion.add(head, clock_at(1), out));
+  EXPECT_EQ(fusion.refused(), 1u);
+  for (std::uint64_t i = 1; i <= 3; ++i) {
+    head.stamp.sample_time = clock_at(1 + 0.01 * static_cast<double>(i));
+    ASSERT_TRUE(fusion.add(head, head.stamp.sample_time, out));
+    EXPECT_EQ(out.stamp.sequence, i);
+  }
+}
+
 TEST(FusionOptions, NameTheSourcesOfEachPart) {
   FusionOptions options;
   options.wrist = " 3  2";

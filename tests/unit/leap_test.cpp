@@ -271,10 +271,13 @@ TEST_F(Leap, EventsOfLeapCAreHands) {
     }
   }
   event.hand_count = 0;
+  event.timestamp = 3'600'000'000;  // an hour ahead
+  take(read_leapc(event, arrival_));
+  EXPECT_EQ(refused("content"), 1);
   event.timestamp = 9000;
   take(read_leapc(event, arrival_));
   EXPECT_EQ(sink_.hands[0].confidence, 0);
-  EXPECT_EQ(decoder_.refusals().total(), 0u);
+  EXPECT_EQ(decoder_.refusals().total(), 1u);
   std::array<leapc::Hand, 2> bad = hands;
   bad[1].palm.position[0] = std::numeric_limits<float>::quiet_NaN();
   event = {nullptr, 1, 20000, 1, 2, bad.data(), 90};

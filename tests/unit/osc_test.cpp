@@ -207,6 +207,17 @@ TEST_F(Osc, TrackersAreWristsAndAHead) {
   EXPECT_EQ(sink_.heads, 1);
 }
 
+TEST_F(Osc, TheHalfOfALostPoseIsNotUsedInTheNextPose) {
+  send(osc_message("/tracking/trackers/2/rotation", "", {0, 90, 0}));  // its position was lost
+  arrival_ += 10 * kMillisecond;
+  send(osc_message("/tracking/trackers/2/position", "", {0.5, 1, 2}));
+  EXPECT_EQ(sink_.count, 0);
+  send(osc_message("/tracking/trackers/2/rotation", "", {0, 0, 0}));
+  ASSERT_EQ(sink_.count, 1);
+  const JointSample& wrist = sink_.hands[1].joints[slot_of(Joint::wrist)];
+  EXPECT_LT((to_quaternion(wrist.orientation) * Vector3(0, 0, -1) - Vector3(0, 0, -1)).norm(), 1e-6);
+}
+
 TEST_F(Osc, RefusesBadNumbersAndIgnoresWhatItDoesNotKnow) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   send(osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {0, 0, 0, 0, 0, 1}));  // a number is missing

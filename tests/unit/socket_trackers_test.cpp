@@ -292,9 +292,9 @@ TEST(Landmarks, TheCameraPlacesBothKindsOfCoordinates) {
   image.aspect = 4.0 / 3;
   for (std::size_t i = 0; i < kLandmarkCount; ++i) {
     // Camera axes: right is the world's -X, down is -Y, forward is +Z.
-    world.landmarks[i] = Vector3(-rest[i].x(), -rest[i].y(), rest[i].z());
-    const Vector3 share = world.landmarks[i] / (2 * half_width);
-    image.landmarks[i] = Vector3(0.5 + share.x(), 0.5 + image.aspect * share.y(), share.z());
+    world.landmarks[i] = {-rest[i].x(), -rest[i].y(), rest[i].z()};
+    const Vector3 share = to_vector(world.landmarks[i]) / (2 * half_width);
+    image.landmarks[i] = {0.5 + share.x(), 0.5 + image.aspect * share.y(), share.z()};
   }
   for (const LandmarksMessage& message : {world, image}) {
     const auto placed = place_landmarks(message, options, lifter.palm_size());
@@ -311,6 +311,17 @@ std::string json(const std::string& changes = "", std::size_t count = kLandmarkC
   return text + "]}";
 }
 
+TEST(Landmarks, AreDecodedInTheThreadThatReceivesThem) {
+  const Translate translate = translate_landmarks();
+  for (const auto& [text, refusal] :
+       {std::pair{std::string("no json"), LandmarksRefusal::json}, std::pair{json(), LandmarksRefusal::none}}) {
+    const std::string_view bytes = translate({text, 0, 0, false});
+    const auto decoded = value_in<DecodedLandmarks>({bytes, 0, 0, false});
+    EXPECT_EQ(decoded.refusal, refusal);
+    EXPECT_EQ(decoded.message.landmarks[20], refusal == LandmarksRefusal::none ? (Vec3{0.1, 0.2, 0.3}) : Vec3{});
+  }
+}
+
 TEST(Landmarks, RefusesBadMessages) {
   LandmarksMessage message;
   ASSERT_EQ(decode_landmarks(json(R"(,"score":0.9,"sample_time_ms":10,"sent_time_ms":30)"), message),
@@ -318,7 +329,7 @@ TEST(Landmarks, RefusesBadMessages) {
   EXPECT_EQ(message.side, Side::left);
   EXPECT_EQ(message.score, 0.9);
   EXPECT_EQ(message.sample_time, 10.0);
-  EXPECT_EQ(message.landmarks[20], Vector3(0.1, 0.2, 0.3));
+  EXPECT_EQ(message.landmarks[20], (Vec3{0.1, 0.2, 0.3}));
   const std::pair<std::string, LandmarksRefusal> cases[]{
       {"", LandmarksRefusal::json},
       {"[1,2]", LandmarksRefusal::json},

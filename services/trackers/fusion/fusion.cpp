@@ -5,6 +5,7 @@
 #include <cmath>
 #include <string>
 
+#include "device/tracked_input.hpp"
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
 #include "model/kinematics.hpp"
@@ -113,6 +114,11 @@ HeadFusion::HeadFusion(const FusionOptions& options, std::vector<std::uint32_t> 
 bool HeadFusion::add(const HeadPose& sample, Nanoseconds now, HeadPose& out) {
   const Quaternion orientation = to_quaternion(sample.orientation);
   if (sample.valid == 0 || !all_finite(sample.position) || !(std::abs(orientation.norm() - 1) < 0.1)) return false;
+  // The time of the device is not that of the stamp, which the reader has judged.
+  if (!is_plausible(sample.stamp.sample_time, now)) {
+    ++refused_;
+    return false;
+  }
   owner_.add(sample.user, true, now);
   owner_.update(now);
   if (owner_.owner() != sample.user || sample.stamp.sample_time <= last_time_) return false;
@@ -122,6 +128,7 @@ bool HeadFusion::add(const HeadPose& sample, Nanoseconds now, HeadPose& out) {
   last_time_ = sample.stamp.sample_time;
   used_ = owner_.owner();
   out = sample;
+  out.stamp.sequence = ++sequence_;
   out.position = to_wire(last_.position);
   out.orientation = to_wire(last_.orientation);
   return true;

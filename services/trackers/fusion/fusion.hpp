@@ -74,10 +74,13 @@ class HeadFusion {
   /// `sample.user` is the source. Returns true if `out` is a new pose.
   bool add(const HeadPose& sample, Nanoseconds now, HeadPose& out);
   const Ownership& ownership() const { return owner_; }
+  std::uint64_t refused() const { return refused_; }
 
  private:
   Ownership owner_;
   double blend_time_;
+  std::uint64_t refused_ = 0;   // samples from the future or older than 1 s
+  std::uint64_t sequence_ = 0;  // of `out`
   PoseBlend blend_;
   std::optional<std::uint32_t> used_;  // owner of the last pose
   Pose last_;

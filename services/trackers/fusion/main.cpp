@@ -23,7 +23,6 @@ class FusionTracker final : public TrackerSource {
       head_ = sample;
       use_real_time(head_.stamp);
       if (!head_fusion_.add(head_, now, fused_head_)) return;
-      ++fused_head_.stamp.sequence;
       for (HandFusion& hand : hands_) hand.add_head(fused_head_, now);
       out.head(fused_head_);
     });
@@ -37,7 +36,7 @@ class FusionTracker final : public TrackerSource {
   }
   void fill_status(LoopStatus& status) const override {
     const auto owner = [](const Ownership& part) { return part.owner() ? static_cast<double>(*part.owner()) : -1; };
-    std::uint64_t poor = 0, refused = 0;
+    std::uint64_t poor = 0, refused = head_fusion_.refused();
     for (std::size_t side = 0; side < 2; ++side) {
       const HandFusion& hand = hands_[side];
       const char* const* const names = kCounters[side].data();

@@ -1,7 +1,10 @@
 #include "trackers/landmarks/landmarks.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+
+#include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
@@ -62,11 +65,19 @@ LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out) 
       if (!point[axis].is_number()) return LandmarksRefusal::content;
       const double value = point[axis].get<double>();
       if (!(std::abs(value) <= kFarthest)) return LandmarksRefusal::content;
-      message.landmarks[i][static_cast<Eigen::Index>(axis)] = value;
+      message.landmarks[i][axis] = value;
     }
   }
   out = message;
   return LandmarksRefusal::none;
+}
+
+Translate translate_landmarks() {
+  return [decoded = DecodedLandmarks{}](const Arrival& arrival) mutable {
+    decoded = {};
+    decoded.refusal = decode_landmarks(arrival.bytes, decoded.message);
+    return packet_of(decoded);
+  };
 }
 
 std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message, std::uint64_t connection,
@@ -93,7 +104,9 @@ std::optional<Nanoseconds> LandmarksClock::stamp(const LandmarksMessage& message
 
 std::optional<Landmarks> place_landmarks(const LandmarksMessage& message, const LandmarksOptions& options,
                                          double palm) {
-  Landmarks points = message.landmarks;
+  Landmarks points;
+  std::transform(message.landmarks.begin(), message.landmarks.end(), points.begin(),
+                 [](const Vec3& point) { return to_vector(point); });
   double scale = 1;
   Vector3 origin(0, 0, options.distance);
   if (message.coordinates == Coordinates::image) {

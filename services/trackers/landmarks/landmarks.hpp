@@ -6,6 +6,7 @@
 #include <optional>
 #include <string_view>
 
+#include "device/arrival_queue.hpp"
 #include "device/clock_mapping.hpp"
 #include "device/landmark_lifter.hpp"
 #include "math/types.hpp"
@@ -23,19 +24,25 @@ enum class Coordinates : std::uint8_t {
 struct LandmarksMessage {
   Side side = Side::right;
   Coordinates coordinates = Coordinates::world;
-  double aspect = 1;                  ///< width / height of the picture; image coordinates only
-  double score = 1;                   ///< 0..1
-  std::optional<double> sample_time;  ///< ms, the sender's clock; time of the picture
-  std::optional<double> sent_time;    ///< ms, the sender's clock; present with sample_time
-  Landmarks landmarks;
+  double aspect = 1;                             ///< width / height of the picture; image coordinates only
+  double score = 1;                              ///< 0..1
+  std::optional<double> sample_time;             ///< ms, the sender's clock; time of the picture
+  std::optional<double> sent_time;               ///< ms, the sender's clock; present with sample_time
+  std::array<Vec3, kLandmarkCount> landmarks{};  ///< in the order of MediaPipe
 };
 
 enum class LandmarksRefusal : std::uint8_t { none, json, version, content, shape, order };
 inline constexpr std::array<std::string_view, 6> kLandmarksRefusalNames{"none",    "json",  "version",
                                                                         "content", "shape", "order"};
 
-/// Decodes a message. `out` is unchanged if the text is refused.
+/// Decodes a message. `out` is unchanged if the text is refused. Allocates.
 LandmarksRefusal decode_landmarks(std::string_view text, LandmarksMessage& out);
+/// Turns a message into a `DecodedLandmarks`, in the thread that receives it.
+struct DecodedLandmarks {
+  LandmarksRefusal refusal = LandmarksRefusal::none;
+  LandmarksMessage message;
+};
+Translate translate_landmarks();
 
 /// Converts the times of messages to our clock. Each connection has its own clock.
 class LandmarksClock {

@@ -17,7 +17,7 @@ class LandmarkTracker final : public TrackerSource {
   LandmarkTracker(const HandModel& hand, const LandmarksOptions& options)
       : options_(options),
         lifters_{LandmarkLifter(hand, Side::left), LandmarkLifter(hand, Side::right)},
-        inbox_(options.listening, Transport::websocket_and_udp, kLargest) {
+        inbox_(options.listening, Transport::websocket_and_udp, kLargest, translate_landmarks) {
     std::printf("listening at %s and on UDP port %u\n", inbox_.url().c_str(), inbox_.port());
     std::fflush(stdout);
   }
@@ -34,9 +34,8 @@ class LandmarkTracker final : public TrackerSource {
 
  private:
   LandmarksRefusal take(const Arrival& arrival) {
-    LandmarksMessage message;
-    if (const auto refusal = decode_landmarks(arrival.bytes, message); refusal != LandmarksRefusal::none)
-      return refusal;
+    const auto [refusal, message] = value_in<DecodedLandmarks>(arrival);
+    if (refusal != LandmarksRefusal::none) return refusal;
     const auto side = static_cast<std::size_t>(message.side);
     sample_ = Skeleton{};
     sample_.hand.side = static_cast<std::uint32_t>(side);

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "trackers/replay/motion.hpp"
 
@@ -78,6 +79,8 @@ LeapRefusal LeapDecoder::take_frame(const Arrival& packet, TrackerSink& out) {
     if (clock_.add(frame_.time, packet.time)) sent_.reset();
     time = clock_.map(frame_.time);
   }
+  // A time far ahead would make all later frames old.
+  if (frame_.has_our_time && !age_of(time, packet.time)) return LeapRefusal::content;
   if (sent_ && frame_.time <= *sent_) return LeapRefusal::order;
   sent_ = frame_.time;
   time = std::min(time, packet.time);

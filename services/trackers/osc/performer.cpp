@@ -11,6 +11,7 @@ namespace {
 
 constexpr double kFarthest = 1000;  // m
 constexpr double kPerDegree = M_PI / 180;
+constexpr Nanoseconds kHalves = 5'000'000;  // position and rotation of one pose arrive within this time
 constexpr std::uint32_t kAllFresh = (1u << (1 + kFingerBones)) - 1;
 
 bool skip(std::string_view& text, std::string_view prefix) {
@@ -124,6 +125,9 @@ OscRefusal PerformerDecoder::take_tracker(std::string_view address, const OscMes
   const std::array<double, 3> v{message.numbers[0], message.numbers[1], message.numbers[2]};
   if (message.count < 3 || !all_finite(v)) return OscRefusal::content;
   Tracker& tracker = trackers_[number];
+  // The other half of an older pose was lost.
+  if (time - tracker.time > kHalves) tracker.has_position = tracker.has_rotation = false;
+  tracker.time = time;
   if (is_position) {
     if (!is_place(Vector3(v[0], v[1], v[2]))) return OscRefusal::content;
     tracker.pose.position = Vector3(v[0], v[1], -v[2]);

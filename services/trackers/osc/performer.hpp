@@ -52,6 +52,7 @@ class PerformerDecoder {
   struct Tracker {
     Pose pose;
     bool has_position = false, has_rotation = false;  // since the last sample
+    Nanoseconds time = 0;                             // of the newest of them
   };
 
   OscRefusal take_message(const OscMessage& message, Nanoseconds time, TrackerSink& out);

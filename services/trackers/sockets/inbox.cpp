@@ -1,5 +1,6 @@
 #include "trackers/sockets/inbox.hpp"
 
+#include <array>
 #include <atomic>
 #include <optional>
 
@@ -10,28 +11,36 @@
 namespace softhand {
 namespace {
 
+// Programs of this machine and others are counted apart, so that others cannot lock out the user.
 constexpr std::uint64_t kMaxConnections = 16;
 
 struct Shared {
-  explicit Shared(std::size_t largest) : arrivals(largest) {}
-  std::atomic<std::uint64_t> connections{0}, refused_origin{0}, refused_size{0};
+  Shared(std::size_t largest, const std::function<Translate()>& make_translate) : arrivals(largest) {
+    if (make_translate) arrivals.translate(make_translate());
+  }
+  std::array<std::atomic<std::uint64_t>, 2> connections{};  // of others, of programs of this machine
+  std::atomic<std::uint64_t> refused_origin{0}, refused_connections{0}, refused_size{0};
   std::uint64_t next_connection = 1;  // used only by the server's thread, as the pushing end of the queue
   ArrivalQueue arrivals;
 };
 
 class Sender : public web::Session {
  public:
-  explicit Sender(Shared& shared) : shared_(shared), id_(shared.next_connection++) { ++shared_.connections; }
+  Sender(Shared& shared, std::atomic<std::uint64_t>& connections)
+      : shared_(shared), connections_(connections), id_(shared.next_connection++) {
+    ++connections_;
+  }
   void opened(web::Socket&) override {}
   void received(std::string_view bytes, bool binary) override { shared_.arrivals.push({bytes, now(), id_, binary}); }
   void sent(std::size_t) override {}
   void closed(bool too_large) override {
-    --shared_.connections;
+    --connections_;
     if (too_large) ++shared_.refused_size;
   }
 
  private:
   Shared& shared_;
+  std::atomic<std::uint64_t>& connections_;
   std::uint64_t id_;
 };
 
@@ -39,10 +48,12 @@ class Sender : public web::Session {
 
 class Inbox::Impl {
  public:
-  Impl(const web::Listening& listening, Transport transport, std::size_t largest)
-      : shared_(largest), web_(listening, site(largest)) {
+  Impl(const web::Listening& listening, Transport transport, std::size_t largest,
+       const std::function<Translate()>& make_translate)
+      : shared_(largest, make_translate), web_(listening, site(largest)) {
     if (transport == Transport::websocket) return;
     datagrams_.emplace(largest);
+    if (make_translate) datagrams_->translate(make_translate());
     datagrams_->listen_udp(listening.address, web_.port());
     datagrams_->start();
   }
@@ -58,8 +69,11 @@ class Inbox::Impl {
     };
     site.origin = web::Origin::this_host;
     site.largest_message = largest;
-    site.connect = [this](bool) {
-      return shared_.connections < kMaxConnections ? std::make_shared<Sender>(shared_) : nullptr;
+    site.connect = [this](bool trusted) -> std::shared_ptr<web::Session> {
+      auto& connections = shared_.connections[trusted ? 1 : 0];
+      if (connections < kMaxConnections) return std::make_shared<Sender>(shared_, connections);
+      ++shared_.refused_connections;
+      return nullptr;
     };
     site.refused = [this] { ++shared_.refused_origin; };
     return site;
@@ -70,8 +84,9 @@ class Inbox::Impl {
   std::optional<Intake> datagrams_;
 };
 
-Inbox::Inbox(const web::Listening& listening, Transport transport, std::size_t largest)
-    : impl_(std::make_unique<Impl>(listening, transport, largest)) {}
+Inbox::Inbox(const web::Listening& listening, Transport transport, std::size_t largest,
+             const std::function<Translate()>& make_translate)
+    : impl_(std::make_unique<Impl>(listening, transport, largest, make_translate)) {}
 Inbox::~Inbox() = default;
 std::uint16_t Inbox::port() const { return impl_->web().port(); }
 
@@ -87,14 +102,15 @@ Inbox::Counters Inbox::counters() const {
   const Shared& shared = impl_->shared();
   const Intake* intake = impl_->datagrams();
   const Intake::Counters of = intake == nullptr ? Intake::Counters{} : intake->counters();
-  return {shared.connections, shared.refused_origin, shared.refused_size + of.refused_size,
-          shared.arrivals.passed_over() + of.passed_over};
+  return {shared.connections[0] + shared.connections[1], shared.refused_origin, shared.refused_connections,
+          shared.refused_size + of.refused_size, shared.arrivals.passed_over() + of.passed_over};
 }
 
 void Inbox::fill_status(LoopStatus& status) const {
   const Counters of = counters();
   add_counter(status, "connections", static_cast<double>(of.connections));
   add_counter(status, "refused_origin", static_cast<double>(of.refused_origin));
+  add_counter(status, "refused_connections", static_cast<double>(of.refused_connections));
   add_counter(status, "passed_over", static_cast<double>(of.passed_over));
 }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -19,8 +20,10 @@ enum class Transport : bool { websocket, websocket_and_udp };
 class Inbox {
  public:
   /// Starts listening. UDP uses the same port number as TCP. A WebSocket message above `largest` bytes closes its
-  /// connection. A larger datagram is dropped. Throws std::runtime_error with address and port if listening fails.
-  Inbox(const web::Listening& listening, Transport transport, std::size_t largest);
+  /// connection. A larger datagram is dropped. `make_translate`: makes the `Translate` of each kind of message, because
+  /// each kind has its own thread. Throws std::runtime_error with address and port if listening fails.
+  Inbox(const web::Listening& listening, Transport transport, std::size_t largest,
+        const std::function<Translate()>& make_translate = {});
   ~Inbox();
 
   std::uint16_t port() const;
@@ -37,6 +40,7 @@ class Inbox {
   struct Counters {
     std::uint64_t connections = 0;  ///< open now
     std::uint64_t refused_origin = 0;
+    std::uint64_t refused_connections = 0;  ///< beyond 16 of programs of this machine, or 16 of others
     std::uint64_t refused_size = 0;
     std::uint64_t passed_over = 0;  ///< dropped because they were not taken in time
   };
