@@ -51,7 +51,7 @@ inline void describe(OptionVisitor& v, HandOptions& o) {
            "Objects nearer to the hand than this are mirrored in its simulation. Fast objects are mirrored earlier.");
   v.number("release_time", o.release_time, "s", {0, 1},
            "Time after the last contact for which the hand still owns an object.");
-  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, 64},
+  v.integer("mirrored_objects", o.mirrored_objects, "1", {0, static_cast<double>(kMaxMirrored)},
             "Slots for objects that can move. The nearest objects get them. If the scene lists objects, never more "
             "slots than movable objects in it. An object that nothing touches costs almost nothing.");
   v.integer(
