@@ -186,6 +186,8 @@ RestSkeleton natural_rest(const HandSize& size) {
     const Vector3 base(row.base_x * size.breadth, row.base_y * millimetre, -row.base_z * size.length);
     Vector3 head(row.mcp_x * size.breadth, row.mcp_y * millimetre, 0);
     const double reach = row.palm_length * scale;
+    if (!(reach > head.norm()))
+      throw std::invalid_argument("breadth: too large for this length, the knuckles do not fit beside each other");
     head.z() = -std::sqrt(reach * reach - head.squaredNorm());
     rest.joints[slot_of(joint_of_finger(f, 0))] = {
         base, frame(head - base, about(Vector3::UnitZ(), row.roll) * Vector3::UnitY())};

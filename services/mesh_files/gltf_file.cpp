@@ -1,5 +1,7 @@
 #include "mesh_files/gltf_file.hpp"
 
+#include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -32,6 +34,22 @@ std::string from_base64(const std::string& text) {
     if (count >= 8) {
       count -= 8;
       out += static_cast<char>(bits >> count & 0xFF);
+    }
+  }
+  return out;
+}
+
+// Decodes %XX (RFC 3986).
+std::string decoded(const std::string& uri) {
+  std::string out;
+  for (std::size_t i = 0; i < uri.size(); ++i) {
+    unsigned code = 0;
+    if (uri[i] == '%' && i + 2 < uri.size() &&
+        std::from_chars(uri.data() + i + 1, uri.data() + i + 3, code, 16).ptr == uri.data() + i + 3) {
+      out += static_cast<char>(code);
+      i += 2;
+    } else {
+      out += uri[i];
     }
   }
   return out;
@@ -88,8 +106,13 @@ std::string GltfFile::load_buffer(const std::string& uri, const std::string& fol
     check(!data.empty(), where, "base64 data");
     return data;
   }
-  std::ifstream in(std::filesystem::path(folder) / uri, std::ios::binary);
-  check(in.good(), where, "a file in the folder of the document, found '" + uri + "'");
+  // A document from elsewhere must not open devices or other people's files.
+  const std::filesystem::path path = decoded(uri);
+  std::error_code error;
+  check(path.is_relative() && std::find(path.begin(), path.end(), "..") == path.end() &&
+            std::filesystem::is_regular_file(std::filesystem::path(folder) / path, error),
+        where, "a file in the folder of the document, found '" + uri + "'");
+  std::ifstream in(std::filesystem::path(folder) / path, std::ios::binary);
   return bytes_of(in);
 }
 
@@ -153,6 +176,19 @@ std::vector<double> GltfFile::numbers(std::size_t accessor_index, const std::str
       else
         read(float{}, place, 1);
     }
+  }
+  return out;
+}
+
+std::vector<std::size_t> GltfFile::indices(std::size_t accessor_index, const std::string& type, const std::string& what,
+                                           std::size_t limit) const {
+  const json& accessor = element("accessors", accessor_index);
+  const std::string where = "accessors[" + std::to_string(accessor_index) + "] (" + what + ")";
+  check(accessor.value("componentType", 0) != 5126 && !accessor.value("normalized", false), where, "whole numbers");
+  std::vector<std::size_t> out;
+  for (const double value : numbers(accessor_index, type, what)) {
+    check(value < static_cast<double>(limit), where, "indices below " + std::to_string(limit));
+    out.push_back(static_cast<std::size_t>(value));
   }
   return out;
 }

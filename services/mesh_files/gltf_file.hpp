@@ -24,6 +24,9 @@ class GltfFile {
   /// The numbers of an accessor, row by row. `type` is SCALAR, VEC3, VEC4 or MAT4. Normalised integers are returned as
   /// fractions.
   std::vector<double> numbers(std::size_t accessor_index, const std::string& type, const std::string& what) const;
+  /// The same for whole numbers below `limit`.
+  std::vector<std::size_t> indices(std::size_t accessor_index, const std::string& type, const std::string& what,
+                                   std::size_t limit) const;
 
  private:
   std::string load_buffer(const std::string& uri, const std::string& folder, const std::string& where) const;

@@ -9,6 +9,7 @@
 #include <functional>
 #include <iterator>
 #include <map>
+#include <numeric>
 #include <sstream>
 #include <stdexcept>
 
@@ -20,6 +21,7 @@ namespace {
 using nlohmann::json;
 
 constexpr double kWeld = 1e-6;  // m
+constexpr std::size_t kMostVertices = 10'000'000;
 
 [[noreturn]] void fail(const std::string& path, std::size_t line, const std::string& expected) {
   throw std::runtime_error(path + ":" + std::to_string(line) + ": expected " + expected);
@@ -153,22 +155,21 @@ void add_gltf_mesh(const GltfFile& file, std::size_t index, const Eigen::Affine3
     const auto positions = file.numbers(file.index(*attributes, "POSITION", where + ".attributes"), "VEC3", "POSITION");
     const auto first = static_cast<std::int32_t>(out.vertices.size());
     const std::size_t count = positions.size() / 3;
+    // Nodes can repeat a mesh.
+    file.check(out.vertices.size() + count <= kMostVertices, where, "at most 10 million vertices in the scene");
     for (std::size_t v = 0; v < count; ++v)
       out.vertices.push_back(to_scene * Vector3(positions[3 * v], positions[3 * v + 1], positions[3 * v + 2]));
-    std::vector<double> indices;
+    std::vector<std::size_t> indices(count);
     if (primitive.contains("indices")) {
-      indices = file.numbers(file.index(primitive, "indices", where), "SCALAR", "indices");
+      indices = file.indices(file.index(primitive, "indices", where), "SCALAR", "indices", count);
     } else {
-      for (std::size_t v = 0; v < count; ++v) indices.push_back(static_cast<double>(v));
+      std::iota(indices.begin(), indices.end(), 0);
     }
     file.check(indices.size() % 3 == 0, where + ".indices", "whole triangles");
     const bool mirrors = to_scene.linear().determinant() < 0;
     for (std::size_t i = 0; i < indices.size(); i += 3) {
       std::array<std::int32_t, 3> triangle{};
-      for (std::size_t k = 0; k < 3; ++k) {
-        file.check(indices[i + k] < static_cast<double>(count), where + ".indices", "indices of vertices");
-        triangle[k] = first + static_cast<std::int32_t>(indices[i + k]);
-      }
+      for (std::size_t k = 0; k < 3; ++k) triangle[k] = first + static_cast<std::int32_t>(indices[i + k]);
       if (mirrors) std::swap(triangle[1], triangle[2]);
       out.triangles.push_back(triangle);
     }
@@ -180,34 +181,35 @@ TriangleMesh read_gltf(std::istream& in, const std::string& path) try {
   const GltfFile file(in, path, &folder);
   TriangleMesh out;
   std::size_t visited = 0;
-  const std::function<void(std::size_t, const Eigen::Affine3d&)> visit = [&](std::size_t index,
-                                                                             const Eigen::Affine3d& parent) {
-    const json& node = file.element("nodes", index);
-    const std::string where = "nodes[" + std::to_string(index) + "]";
-    file.check(++visited <= 10'000, where, "a tree of at most 10000 nodes");
-    const Eigen::Affine3d here = parent * transformation(file, node, where);
-    if (node.contains("mesh")) add_gltf_mesh(file, file.index(node, "mesh", where), here, out);
-    if (!node.contains("children")) return;
-    file.check(node["children"].is_array(), where + ".children", "a list");
-    for (const json& child : node["children"]) {
-      file.check(child.is_number_unsigned(), where + ".children", "indices of nodes");
-      visit(child.get<std::size_t>(), here);
-    }
-  };
+  const std::function<void(std::size_t, const Eigen::Affine3d&, int)> visit =
+      [&](std::size_t index, const Eigen::Affine3d& parent, int depth) {
+        const json& node = file.element("nodes", index);
+        const std::string where = "nodes[" + std::to_string(index) + "]";
+        file.check(++visited <= 10'000 && depth <= 256, where, "a tree of at most 10000 nodes and 256 levels");
+        const Eigen::Affine3d here = parent * transformation(file, node, where);
+        if (node.contains("mesh")) add_gltf_mesh(file, file.index(node, "mesh", where), here, out);
+        if (!node.contains("children")) return;
+        file.check(node["children"].is_array(), where + ".children", "a list");
+        for (const json& child : node["children"]) {
+          file.check(child.is_number_unsigned(), where + ".children", "indices of nodes");
+          visit(child.get<std::size_t>(), here, depth + 1);
+        }
+      };
   const json& document = file.document();
   const std::size_t scene = document.contains("scene") ? file.index(document, "scene", "document") : 0;
   const json& nodes = file.element("scenes", scene);
   file.check(nodes.contains("nodes") && nodes["nodes"].is_array(), "scenes.nodes", "a list");
   for (const json& root : nodes["nodes"]) {
     file.check(root.is_number_unsigned(), "scenes.nodes", "indices of nodes");
-    visit(root.get<std::size_t>(), Eigen::Affine3d::Identity());
+    visit(root.get<std::size_t>(), Eigen::Affine3d::Identity(), 1);
   }
   return out;
 } catch (const json::exception& error) {  // for example text instead of a number
   throw std::runtime_error(path + ": " + error.what());
 }
 
-// Welds vertices at the same place, and drops triangles without an area and vertices without a triangle.
+// Welds vertices in the same cell of a grid of a micrometre. Drops triangles with fewer than three corners after that,
+// and vertices without a triangle.
 TriangleMesh welded(const TriangleMesh& mesh, double scale) {
   TriangleMesh out;
   std::map<std::array<long long, 3>, std::int32_t> places;
@@ -244,7 +246,7 @@ TriangleMesh load_mesh(const std::string& path, double scale) {
   } else {
     throw std::runtime_error(path + ": suffix '" + suffix + "', expected .obj, .stl, .glb or .gltf");
   }
-  // A coordinate of 1000 km would overflow the weld.
+  // Also false for NaN. The cells of the weld are integers.
   for (const Vector3& v : mesh.vertices)
     if (!(v.cwiseAbs().maxCoeff() * scale < 1e6)) throw std::runtime_error(path + ": expected finite coordinates");
   mesh = welded(mesh, scale);

@@ -11,11 +11,17 @@ namespace softhand::builder {
 
 SoftBody build_soft_body(const SoftSource& source, double scale) {
   constexpr std::int64_t kFewest = 30;
+  constexpr double kFarthest = 1;                                                          // m
   const auto most = static_cast<std::int64_t>(0.93 * static_cast<double>(kMaxSoftNodes));  // the mesher makes 7 % more
   if (source.nodes < kFewest || source.nodes > most)
     throw std::runtime_error("soft.nodes: expected " + std::to_string(kFewest) + " to " + std::to_string(most));
   const TriangleMesh mesh = load_mesh(source.mesh, scale);
   if (const auto fault = fault_of_solid(mesh)) throw std::runtime_error(source.mesh + ": expected " + *fault);
+  // A mesh in millimetres would be meshed with cells of millimetres, which takes all memory.
+  for (const Vector3& vertex : mesh.vertices) {
+    if (!(vertex.cwiseAbs().maxCoeff() <= kFarthest))
+      throw std::runtime_error(source.mesh + ": expected vertices in metres, at most 1 m from the origin; see --scale");
+  }
   SoftBody body;
   body.material = {"soft",
                    source.density,

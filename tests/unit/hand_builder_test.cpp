@@ -65,6 +65,7 @@ TEST(Proportions, MatchTheRequestedLengthAndBreadth) {
   }
   EXPECT_THROW(natural_rest({0.05, 0.085}), std::invalid_argument);
   EXPECT_THROW(natural_rest({0.19, std::nan("")}), std::invalid_argument);
+  EXPECT_THROW(natural_rest({0.12, 0.115}), std::invalid_argument) << "the little finger's metacarpal is too short";
 }
 
 TEST(Proportions, FramesPointAlongTheBonesWithTheNailOnTheBack) {

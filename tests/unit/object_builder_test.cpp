@@ -12,6 +12,7 @@
 #include "object_builder/build_object.hpp"
 #include "object_builder/cgal_solid.hpp"
 #include "object_builder/convex_pieces.hpp"
+#include "object_builder/soft_body.hpp"
 #include "support/meshes.hpp"
 
 namespace {
@@ -119,8 +120,8 @@ TEST_F(ObjectBuilder, ReadsTheSameMeshFromEveryFormat) {
   const TriangleMesh box = softhand::testing::box_mesh({0.01, 0.02, 0.03}, 2);
   const double volume = solid_properties(box).volume;
   std::string buffer, again;
-  const std::string document = gltf(box, "box.bin", buffer);
-  write("box.bin", buffer);
+  const std::string document = gltf(box, "a%20box.bin", buffer);
+  write("a box.bin", buffer);
   std::string text = gltf(box, "", again);
   text.resize((text.size() + 3) / 4 * 4, ' ');
   const auto word = [](std::size_t n) {
@@ -149,6 +150,13 @@ TEST_F(ObjectBuilder, RefusesBadMeshFiles) {
   std::string buffer;
   const TriangleMesh box = softhand::testing::box_mesh({0.01, 0.02, 0.03});
   const std::string document = gltf(box, "missing.bin", buffer);
+  std::string data;
+  const std::string good = gltf(box, "box.bin", data);
+  write("box.bin", data);
+  const auto with = [&good](const std::string& old, const std::string& changed) {
+    std::string text = good;
+    return text.replace(text.find(old), old.size(), changed);
+  };
   const std::pair<std::string, const char*> cases[] = {
       {write("a.obj", "v 0 0\n"), ":1: expected 3 finite numbers"},
       {write("b.obj", "v 0 0 nan\n"), ":1: expected 3 finite numbers"},
@@ -163,6 +171,11 @@ TEST_F(ObjectBuilder, RefusesBadMeshFiles) {
       {write("k.gltf", "{}"), "scenes: expected"},
       {write("l.glb", "glTF"), "header: expected"},
       {write("m.ply", "ply"), "expected .obj, .stl, .glb or .gltf"},
+      {write("n.gltf", with("\"componentType\":5123", "\"componentType\":5126")),
+       "accessors[0] (indices): expected whole"},
+      {write("o.gltf", with("\"children\":[1]", "\"children\":[0]")), "at most 10000 nodes and 256 levels"},
+      {write("p.gltf", with("box.bin", "/dev/zero")), "buffers[0].uri: expected a file in the folder"},
+      {write("q.gltf", with("box.bin", "../box.bin")), "buffers[0].uri: expected a file in the folder"},
       {(folder_ / "none.obj").string(), "cannot be opened"},
   };
   for (const auto& [path, expected] : cases) {
@@ -170,6 +183,13 @@ TEST_F(ObjectBuilder, RefusesBadMeshFiles) {
     EXPECT_EQ(text.rfind(path, 0), 0u) << text;
     EXPECT_NE(text.find(expected), std::string::npos) << text;
   }
+}
+
+TEST_F(ObjectBuilder, RefusesAFlexibleMeshInMillimetresBeforeItIsMeshed) {
+  builder::SoftSource source;
+  source.mesh = write_obj("ball.obj", softhand::testing::box_mesh({10, 20, 30}, 2));
+  source.nodes = 100;
+  EXPECT_NE(message([&] { builder::build_soft_body(source, 1); }).find("see --scale"), std::string::npos);
 }
 
 TEST_F(ObjectBuilder, RefusesMeshesThatAreNoSolid) {
