@@ -114,7 +114,9 @@ void WorldLoop::make_joints(const std::vector<JointOptions>& joints) {
   find_assemblies();
 }
 
-void WorldLoop::find_assemblies() {
+/// `returning`: an object that was removed and counts as present.
+void WorldLoop::find_assemblies(std::optional<std::size_t> returning) {
+  const auto is_there = [&](std::size_t slot) { return objects_[slot].present || slot == returning; };
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) objects_[slot].assembly = slot;
   for (bool changed = true; changed;) {
     changed = false;
@@ -122,6 +124,7 @@ void WorldLoop::find_assemblies() {
       Object& parent = objects_[joint.engine.parent];
       Object& child = objects_[joint.engine.child];
       if (!parent.dynamic || parent.assembly == child.assembly) continue;
+      if (!is_there(joint.engine.parent) || !is_there(joint.engine.child)) continue;
       parent.assembly = child.assembly = std::min(parent.assembly, child.assembly);
       changed = true;
     }
@@ -204,6 +207,7 @@ void WorldLoop::add_to_engine(std::size_t slot) {
 
 /// Removes an assembly in its present state and inserts it at its start pose. An object that was removed returns.
 void WorldLoop::restore(std::size_t first) {
+  find_assemblies(first);
   const std::size_t assembly = objects_[first].assembly;
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     if (objects_[slot].assembly != assembly || (slot != first && !objects_[slot].present)) continue;
@@ -605,6 +609,7 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
     }
     engine_->remove(slot);
     object->present = object->owned = object->near_hand = false;
+    find_assemblies();
     object->handed_at = 0;
     object->planes.clear();
     describe(slot, true);

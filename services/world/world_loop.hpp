@@ -3,6 +3,7 @@
 
 #include <array>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -119,7 +120,7 @@ class WorldLoop {
     Pose pose;
     Twist velocity;
     Twist previous_velocity;
-    std::size_t assembly = 0;  ///< slot of the first of the movable objects that joints of the scene connect
+    std::size_t assembly = 0;  ///< slot of the first of the present movable objects that joints connect
     BoundedVector<NeighbourPlane, kMaxNeighbourPlanes> planes;  ///< of the last step, only while near_hand
   };
 
@@ -132,7 +133,7 @@ class WorldLoop {
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
   void make_joints(const std::vector<JointOptions>& joints);
-  void find_assemblies();
+  void find_assemblies(std::optional<std::size_t> returning = {});
   void attach(std::size_t slot);
   void detach(std::size_t slot);
   bool are_jointed(std::size_t one, std::size_t other) const;

@@ -55,6 +55,11 @@ void WorldLoop::load(ByteReader& in) {
   if (in.take<std::uint32_t>() != objects_.size())
     throw std::runtime_error("the saved state has another number of objects");
   visit_own(*this, [&in](auto& value) { in.read(value); });
+  for (const Joint& joint : joints_) {
+    if (joint.present && !(objects_[joint.engine.parent].present && objects_[joint.engine.child].present))
+      throw std::runtime_error("the saved state has a joint without its objects");
+  }
+  find_assemblies();
   std::array<bool, kMaxObjects> was_asleep{};
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) was_asleep[slot] = in.take<bool>();
   engine_ = make_physics_engine(options_.engine);

@@ -474,6 +474,52 @@ TEST(WorldJoint, MessagesMoveResetAndRemoveWholeAssemblies) {
   EXPECT_EQ(housed.world.answer(message).result, kReplyRefused);
 }
 
+TEST(WorldJoint, WhatARemovedLinkConnectedIsSeparate) {
+  std::vector<ObjectOptions> chain;
+  for (const char* name : {"first", "middle", "last"}) {
+    ObjectOptions& link = chain.emplace_back(base());
+    link.name = name;
+    link.mass = 0.1;
+    link.position[1] = 0.1 * static_cast<double>(chain.size());
+  }
+  JointOptions one = joint("hinge"), other = joint("hinge");
+  one.parent = "first", one.child = "middle";
+  other.name = "other", other.parent = "middle", other.child = "last";
+  JointedWorld run(chain, {one, other}, weightless());
+  const auto send = [&run](const char* key, const char* value) {
+    Message message;
+    set_text(message.module, "world");
+    set_text(message.key, key);
+    set_text(message.value, value);
+    EXPECT_EQ(run.world.answer(message).result, kReplyApplied) << key << value;
+    run.run(2 * kStep);
+  };
+  const auto height_of = [&run](std::uint32_t id) {
+    for (const ObjectState& state : run.world.objects().objects)
+      if (state.object == id) return state.position[1];
+    return -1.0;
+  };
+  send("object.remove", "middle");
+  send("object.teleport", "first 0 1 0");
+  EXPECT_NEAR(height_of(1), 1, 1e-3);
+  EXPECT_NEAR(height_of(3), 0.3, 1e-3);
+  // The middle brings both back to the places where its joints fit.
+  send("object.reset", "middle");
+  EXPECT_NEAR(height_of(1), 0.1, 1e-3);
+  EXPECT_LE(run.world.joint_gap("joint"), 1e-5);
+  EXPECT_LE(run.world.joint_gap("other"), 1e-5);
+
+  run.world.forget();
+  std::vector<std::byte> memory(1 << 20);
+  ByteWriter saved(memory);
+  run.world.save(saved);
+  ASSERT_FALSE(saved.overflowed());
+  memory[sizeof(std::uint32_t)] = std::byte{0};  // the first object is absent
+  WorldLoop next(weightless(), chain, 1.0 / 90, {one, other});
+  ByteReader bytes(saved.written());
+  EXPECT_THROW(next.load(bytes), std::runtime_error);
+}
+
 TEST(WorldJoint, RefusesJointsThatCannotRun) {
   const auto wrong = [](const std::function<void(JointOptions&)>& change) {
     JointOptions j = joint("hinge");
