@@ -533,8 +533,12 @@ WorkCounters HandSimulation::work() const {
   for (const auto& hand : hands_)
     if (hand->tissue() != nullptr) work.tissue_elements += hand->tissue()->evaluated_elements();
   if (soft_) work.soft_elements = soft_->tissue().evaluated_elements();
-  for_each_contacts([&](const ContactSet& contacts) { work.contact_queries += contacts.queries(); });
+  for_each_contacts([&](const ContactSet& contacts) {
+    work.contact_queries += contacts.queries();
+    work.dropped_contacts += contacts.dropped();
+  });
   for_each_skin([&](const SkinContact& skin) {
+    work.dropped_contacts += skin.dropped();
     work.skin_part_queries += skin.search().patches().part_queries();
     work.skin_queries += skin.search().queries();
   });

@@ -66,6 +66,7 @@ struct WorkCounters {
   std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of a hand
   std::uint64_t soft_elements = 0;      ///< evaluations of a tetrahedron of a flexible object
   std::uint64_t contact_queries = 0;    ///< searches for the point where a node meets an object
+  std::uint64_t dropped_contacts = 0;   ///< new contacts for which the list had no room, so that points pass through
   std::uint64_t skin_part_queries = 0;  ///< tests whether two parts of the skin are near each other
   std::uint64_t skin_queries = 0;       ///< searches for the place where a point of the skin meets the skin
   std::uint64_t factorised_steps = 0;   ///< steps that factorised a matrix

@@ -29,8 +29,8 @@ class Compliance {
 
   /// Forgets all blocks. Call it when the factor changes.
   void clear();
-  /// Adds blocks of the core that are not known yet. `factor` needs half solves. Returns false, and forgets all blocks,
-  /// if there are too many blocks, or if S is not finite and positive definite.
+  /// Adds blocks of the core that are not known yet. `factor` needs half solves. Returns false if there are
+  /// too many blocks (see `room`), or, and then it forgets all blocks, if S is not finite and positive definite.
   bool include(std::span<const std::int32_t> blocks, LinearSolver& factor);
 
   /// How many more blocks it can hold.

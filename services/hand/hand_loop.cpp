@@ -228,6 +228,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));
   add_counter(status, "objects_without_slot", static_cast<double>(mirror_.counters().without_slot));
   add_counter(status, "untangled_nodes", static_cast<double>(simulation_->untangled_nodes()));
+  add_counter(status, "dropped_contacts", static_cast<double>(work.dropped_contacts));
   add_counter(status, "dropped_regions", static_cast<double>(dropped_regions));
 }
 

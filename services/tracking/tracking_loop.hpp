@@ -54,7 +54,8 @@ class TrackingLoop {
 
   /// Makes one step of 1/rate_hz that ends at `now`. The result is valid until the next call.
   const TrackingOutput& step(Nanoseconds now, const TrackingInput& input);
-  /// Returns to the initial state. Nothing is valid until a tracker sample arrives that was taken after `time`.
+  /// Returns to the initial state, with the feedback ratio that a message set. Nothing is valid until a tracker sample
+  /// arrives that was taken after `time`.
   void reset(Nanoseconds time);
   /// Answers `reposition` (any value: the intermediate skeleton jumps to the tracked one) and `feedback_ratio` (0 to
   /// the configured value).

@@ -33,20 +33,24 @@ static void print_skeleton(const void* sample) {
 }
 static void print_contacts(const void* sample) {
   const softhand_v1_Contacts* s = sample;
+  if (s->contacts._length == 0) return;
   const softhand_v1_Contact* last = &s->contacts._buffer[s->contacts._length - 1];
   printf("fingers[5].area %.17g\ncontacts.length %" PRIu32 "\n", s->fingers[5].area, s->contacts._length);
   printf("contacts[last].force.z %.17g\ncontacts[last].slip_speed %.17g\n", last->force.z, last->slip_speed);
 }
 static void print_traction(const void* sample) {
   const softhand_v1_SkinTraction* s = sample;
+  if (s->regions._length == 0) return;
   const softhand_v1_SkinRegion* last = &s->regions._buffer[s->regions._length - 1];
   printf("regions.length %" PRIu32 "\nregions[last].shear.y %.9g\nregions[last].area_rate %.9g\n", s->regions._length,
          last->shear.y, last->area_rate);
 }
 static void print_objects(const void* sample) {
   const softhand_v1_WorldObjects* s = sample;
+  if (s->objects._length == 0) return;
   const softhand_v1_ObjectState* last = &s->objects._buffer[s->objects._length - 1];
   printf("objects.length %" PRIu32 "\nobjects[last].position.y %.17g\n", s->objects._length, last->position.y);
+  if (last->planes._length == 0) return;
   printf("objects[last].planes[last].mass %.17g\n", last->planes._buffer[last->planes._length - 1].mass);
 }
 static void print_wrench(const void* sample) {
@@ -56,19 +60,21 @@ static void print_wrench(const void* sample) {
 static void print_status(const void* sample) {
   const softhand_v1_LoopStatus* s = sample;
   printf("module_name %s\nstep_ms_p99 %.17g\n", s->module_name, s->step_ms_p99);
-  printf("passivity_energy %.17g\nledger[last].value %.17g\n", s->passivity_energy,
-         s->ledger._buffer[s->ledger._length - 1].value);
+  printf("passivity_energy %.17g\n", s->passivity_energy);
+  if (s->ledger._length > 0) printf("ledger[last].value %.17g\n", s->ledger._buffer[s->ledger._length - 1].value);
 }
 static void print_choices(const void* sample) {
   const softhand_v1_RigChoices* s = sample;
+  if (s->choices._length == 0) return;
   const softhand_v1_RigChoice* last = &s->choices._buffer[s->choices._length - 1];
   printf("choices.length %" PRIu32 "\nchoices[last].choice %s\nchoices[last].running %" PRIu32 "\n", s->choices._length,
          last->choice, last->running);
 }
 static void print_soft_object(const void* sample) {
   const softhand_v1_SoftObjectState* s = sample;
-  printf("object_id %" PRIu32 "\nnodes.length %" PRIu32 "\nvelocities[last].z %.9g\n", s->object_id, s->nodes._length,
-         s->velocities._buffer[s->velocities._length - 1].z);
+  printf("object_id %" PRIu32 "\nnodes.length %" PRIu32 "\n", s->object_id, s->nodes._length);
+  if (s->velocities._length > 0)
+    printf("velocities[last].z %.9g\n", s->velocities._buffer[s->velocities._length - 1].z);
 }
 static void print_nothing(const void* sample) { (void)sample; }
 

@@ -276,7 +276,6 @@ TEST(Landmarks, DegenerateLandmarksAreRefused) {
   EXPECT_FALSE(lifter.lift(line));
   LandmarksMessage message;
   message.coordinates = Coordinates::image;
-  message.landmarks = point;
   EXPECT_FALSE(place_landmarks(message, {}, lifter.palm_size()));
 }
 
