@@ -1,6 +1,7 @@
-// Packets on their way from a thread that receives them to the loop that decodes them.
+// Packets on their way from a thread that receives them to the loop that decodes them, and back.
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstring>
 #include <functional>
@@ -9,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "device/latest_value.hpp"
 #include "messages/messages.hpp"
 
 namespace softhand {
@@ -53,16 +55,18 @@ class ArrivalQueue {
   void push(Arrival packet) {
     if (translate_) packet.bytes = translate_(packet);
     if (translate_ && packet.bytes.empty()) return;
+    if (!try_push(packet)) passed_over_.fetch_add(1, std::memory_order_relaxed);
+  }
+  /// Copies the packet as it is. Returns false if the queue is full or the packet too large.
+  bool try_push(const Arrival& packet) {
     const std::size_t tail = tail_.load(std::memory_order_relaxed);
-    if (tail - head_.load(std::memory_order_acquire) == slots_.size() || packet.bytes.size() > largest_) {
-      passed_over_.fetch_add(1, std::memory_order_relaxed);
-      return;
-    }
+    if (tail - head_.load(std::memory_order_acquire) == slots_.size() || packet.bytes.size() > largest_) return false;
     char* place = bytes_.data() + tail % slots_.size() * largest_;
     std::memcpy(place, packet.bytes.data(), packet.bytes.size());
     slots_[tail % slots_.size()] = packet;
     slots_[tail % slots_.size()].bytes = {place, packet.bytes.size()};
     tail_.store(tail + 1, std::memory_order_release);
+    return true;
   }
   /// Calls f(const Arrival&) for each waiting packet, oldest first.
   template <typename F>
@@ -84,6 +88,48 @@ class ArrivalQueue {
   std::vector<Arrival> slots_;
   std::atomic<std::size_t> head_{0}, tail_{0};
   std::atomic<std::uint64_t> passed_over_{0};
+};
+
+/// Packets on their way to a device. While the queue is full, the newest packet waits beside it: it may be the zero
+/// after which nothing is sent. One thread pushes and one thread takes. Neither waits, locks or allocates.
+class SendQueue {
+ public:
+  SendQueue(std::size_t largest, std::size_t slots)
+      : largest_(largest), queue_(largest, slots), bytes_(newest_.size() * largest) {}
+
+  /// Copies the packet. It may replace the one beside the queue.
+  void push(const Arrival& packet) {
+    if (packet.bytes.size() > largest_) {
+      ++superseded_;
+      return;
+    }
+    // While a packet waits beside the queue, no newer one may enter the queue: it would overtake.
+    if (!slot_.is_offered() && queue_.try_push(packet)) return;
+    const std::size_t at = slot_.to_fill();
+    char* place = bytes_.data() + at * largest_;
+    std::memcpy(place, packet.bytes.data(), packet.bytes.size());
+    newest_[at] = packet;
+    newest_[at].bytes = {place, packet.bytes.size()};
+    if (slot_.offer()) ++superseded_;
+  }
+  /// Calls f(const Arrival&) for each waiting packet, oldest first.
+  template <typename F>
+  void take(F&& f) {
+    // Asked before the queue is taken: then all older packets are in it.
+    const bool is_beside = slot_.is_offered();
+    queue_.take(f);
+    if (is_beside) f(static_cast<const Arrival&>(newest_[slot_.take()]));
+  }
+  /// Packets that a newer one replaced, or that were too large.
+  std::uint64_t superseded() const { return superseded_.load(std::memory_order_relaxed); }
+
+ private:
+  std::size_t largest_;
+  ArrivalQueue queue_;
+  std::array<Arrival, 3> newest_;
+  std::vector<char> bytes_;  // of newest_
+  LatestSlot slot_;
+  std::atomic<std::uint64_t> superseded_{0};
 };
 
 }  // namespace softhand

@@ -39,6 +39,9 @@ DeviceGuard::DeviceGuard(const DeviceLoopOptions& options, const DeviceLimits& l
     throw std::invalid_argument("device: expected finite minimum_command <= 0 < maximum_command");
   }
   if (!(limits.slew > 0)) throw std::invalid_argument("device: slew: expected a positive number");
+  if (options.rate_hz < limits.lowest_rate)
+    throw std::invalid_argument("rate_hz: this device needs at least " +
+                                std::to_string(std::lround(limits.lowest_rate)) + " Hz");
   state_.device = device;
   state_.kind = kind;
   state_.commands.count = static_cast<std::uint32_t>(limits.actuators);

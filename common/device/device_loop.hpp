@@ -38,6 +38,8 @@ struct DeviceLimits {
   double stiffness = 0;
   double damping = 0;
   bool is_worn = false;  ///< positions are relative to the user's wrist, as those of a glove; otherwise to the room
+  /// Hz. A device that lets go when it hears nothing for a while refuses a slower loop, in which it would stutter.
+  double lowest_rate = 0;
 };
 
 template <typename InputType>

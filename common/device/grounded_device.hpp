@@ -6,6 +6,7 @@
 #include <array>
 #include <atomic>
 #include <cmath>
+#include <optional>
 
 #include "device/grounded_point.hpp"
 #include "device/latest_value.hpp"
@@ -34,7 +35,11 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
     add_counter(status, "device_errors", static_cast<double>(errors_));
   }
 
-  DeviceLimits limits() const override { return point_.limits(); }
+  DeviceLimits limits() const override {
+    DeviceLimits out = point_.limits();
+    out.lowest_rate = kLowestRate;
+    return out;
+  }
   void command(const BoneWrench& input, std::span<double> requested) override { point_.command(input, requested); }
   bool measure(Nanoseconds, std::span<double> positions) override {
     if (is_fresh_) std::copy(newest_.position.begin(), newest_.position.end(), positions.begin());
@@ -61,6 +66,7 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   void set_open(bool is_open) {
     if (is_open) ++openings_;
     is_open_ = is_open;
+    pushes_since_.reset();
   }
   void count_error() { ++errors_; }
   /// Refuses a position that is not finite or absurd.
@@ -68,19 +74,31 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
     const bool is_plausible =
         std::all_of(position.begin(), position.end(), [](double x) { return std::abs(x) <= kFarthest; });
     if (is_plausible) {
+      located_at_ = time;
       cursors_.store({time, position, applied_});
     } else {
       ++refused_;
     }
   }
-  /// The force to apply now, N. Zero if the loop stands still.
+  /// The force to apply now, N. Zero if the loop stands still, and without a plausible position. Forces begin softly
+  /// after that, and after each opening.
   Vec3 force(Nanoseconds now) {
     forces_.load(force_);
-    return applied_ = now - force_.time < kSilentLoop ? force_.newton : Vec3{};
+    applied_ = {};
+    if (now - force_.time >= kSilentLoop || now - located_at_ >= kOld) {
+      pushes_since_.reset();
+      return applied_;
+    }
+    if (!pushes_since_) pushes_since_ = now;
+    const double share = std::min(1.0, static_cast<double>(now - *pushes_since_) / static_cast<double>(kRamp));
+    for (std::size_t i = 0; i < applied_.size(); ++i) applied_[i] = share * force_.newton[i];
+    return applied_;
   }
 
  private:
   static constexpr Nanoseconds kTrackPeriod = 4'000'000, kOld = 50'000'000, kSilentLoop = 20'000'000;
+  static constexpr Nanoseconds kRamp = 500'000'000;
+  static constexpr double kLowestRate = 3e9 / kSilentLoop;  // two steps may be late
   struct Cursor {
     Nanoseconds time = 0;
     Vec3 position{};
@@ -95,8 +113,11 @@ class GroundedDevice : public TrackerSource, public HapticDriver {
   Nanoseconds tracked_at_ = 0;
   bool is_fresh_ = false;
   Skeleton hand_;
-  Force force_;     // of the thread of the device
-  Vec3 applied_{};  // the same
+  // Of the thread of the device.
+  Force force_;
+  Vec3 applied_{};
+  Nanoseconds located_at_ = 0;                 // time of the last plausible position
+  std::optional<Nanoseconds> pushes_since_{};  // none: the force is zero
   LatestValue<Cursor> cursors_;
   LatestValue<Force> forces_;
   std::atomic<bool> is_open_{false};

@@ -34,6 +34,7 @@ constexpr std::size_t kMostConnections = 16;
 constexpr int kMostReads = 64;  // of one sender in a turn
 constexpr std::size_t kOutgoing = 64;
 constexpr Nanoseconds kLastPacketTime = 50'000'000;
+constexpr Nanoseconds kAcceptPause = 100'000'000;  // after a connection that could not be accepted
 
 /// Owns a file descriptor.
 class File {
@@ -245,8 +246,8 @@ class Intake::Impl {
   bool has_streams() const { return !listeners_.empty() || !ports_.empty(); }
   Counters counters() const {
     const std::uint64_t opened = opened_;
-    return {connections_,         opened > 0 ? opened - first_ : 0,     refused_size_, refused_cut_,
-            queue_.passed_over(), superseded_ + outgoing_.passed_over()};
+    return {connections_,         opened > 0 ? opened - first_ : 0,    refused_size_, refused_cut_,
+            queue_.passed_over(), superseded_ + outgoing_.superseded()};
   }
 
  private:
@@ -291,12 +292,14 @@ class Intake::Impl {
       files.clear();
       files.push_back({wake_.number(), POLLIN, 0});
       for (const Datagrams& each : datagrams_) files.push_back({each.socket.number(), POLLIN, 0});
-      for (const Listener& listener : listeners_) files.push_back({listener.socket.number(), POLLIN, 0});
+      // poll passes over negative numbers.
+      const bool accepts = now() >= accept_after_;
+      for (const Listener& listener : listeners_) files.push_back({accepts ? listener.socket.number() : -1, POLLIN, 0});
       for (const Stream& stream : streams_) {
         const bool writes = stream.is_connecting || !stream.sending.empty();
         files.push_back({stream.file.number(), static_cast<short>(writes ? POLLIN | POLLOUT : POLLIN), 0});
       }
-      if (poll(files.data(), files.size(), milliseconds_to_next_attempt()) < 0 && errno != EINTR) return;
+      if (poll(files.data(), files.size(), milliseconds_to_next_attempt(accepts)) < 0 && errno != EINTR) return;
       // First of all the commands: a force that ends must not wait.
       std::uint64_t wakes = 0;
       [[maybe_unused]] const ssize_t ignored = read(wake_.number(), &wakes, sizeof wakes);
@@ -375,7 +378,11 @@ class Intake::Impl {
 
   void accept_one(const Listener& listener) {
     File socket(accept4(listener.socket.number(), nullptr, nullptr, SOCK_CLOEXEC | SOCK_NONBLOCK));
-    if (!socket.open()) return;
+    if (!socket.open()) {
+      // For example no file descriptor is free. The connection still waits, so another attempt now would fail too.
+      accept_after_ = now() + kAcceptPause;
+      return;
+    }
     watch_peer(socket.number());
     if (streams_.size() >= kMostConnections) streams_.front().is_closed = true;
     established(add_stream(std::move(socket), listener.framing, false));
@@ -466,19 +473,21 @@ class Intake::Impl {
     }
   }
 
-  int milliseconds_to_next_attempt() const {
+  int milliseconds_to_next_attempt(bool accepts) const {
     Nanoseconds wait = -1;
-    for (const Port& port : ports_) {
-      if (port.connection != 0) continue;
-      const Nanoseconds left = std::max<Nanoseconds>(0, port.next_attempt - now());
+    const auto attempt_at = [&wait](Nanoseconds time) {
+      const Nanoseconds left = std::max<Nanoseconds>(0, time - now());
       wait = wait < 0 ? left : std::min(wait, left);
-    }
+    };
+    if (!accepts) attempt_at(accept_after_);
+    for (const Port& port : ports_)
+      if (port.connection == 0) attempt_at(port.next_attempt);
     return wait < 0 ? -1 : static_cast<int>(wait / 1'000'000 + 1);
   }
 
   const std::size_t largest_;
   ArrivalQueue queue_;
-  ArrivalQueue outgoing_;
+  SendQueue outgoing_;
   std::string buffer_;
   File wake_;
   std::vector<Datagrams> datagrams_;
@@ -487,6 +496,7 @@ class Intake::Impl {
   std::vector<Stream> streams_;
   bool has_datagrams_ = false;
   bool closed_any_ = false;
+  Nanoseconds accept_after_ = 0;
   std::uint64_t last_id_ = 0;
   // Written by the thread, read by `counters`.
   std::atomic<std::uint64_t> opened_{0}, first_{0}, connections_{0}, refused_size_{0}, refused_cut_{0}, superseded_{0};

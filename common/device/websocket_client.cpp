@@ -82,7 +82,7 @@ class WebSocketClient::Impl {
     out.reconnects = opened > 0 ? opened - 1 : 0;
     out.refused_size = refused_size_;
     out.passed_over = queue_.passed_over();
-    out.superseded = superseded_ + outgoing_.passed_over();
+    out.superseded = superseded_ + outgoing_.superseded();
     return out;
   }
 
@@ -213,7 +213,7 @@ class WebSocketClient::Impl {
   const Server server_;
   const tcp::endpoint endpoint_;
   ArrivalQueue queue_;
-  ArrivalQueue outgoing_;
+  SendQueue outgoing_;
   asio::io_context context_{1};
   asio::posix::stream_descriptor wake_{context_};  // owns wake_number_
   const int wake_number_;
@@ -239,6 +239,7 @@ Intake::Counters WebSocketClient::counters() const { return impl_->counters(); }
 void WebSocketClient::fill_status(LoopStatus& status) const {
   const Intake::Counters now = counters();
   add_counter(status, "passed_over", static_cast<double>(now.passed_over));
+  add_counter(status, "superseded", static_cast<double>(now.superseded));
   add_counter(status, "connections", static_cast<double>(now.connections));
   add_counter(status, "reconnects", static_cast<double>(now.reconnects));
 }

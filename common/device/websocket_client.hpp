@@ -45,7 +45,8 @@ class WebSocketClient {
   bool connected() const;
   /// refused_cut is 0.
   Intake::Counters counters() const;
-  /// Adds passed_over, connections and reconnects. refused_size belongs to the decoder's refusals. Does not allocate.
+  /// Adds passed_over, superseded, connections and reconnects. refused_size belongs to the decoder's refusals. Does not
+  /// allocate.
   void fill_status(LoopStatus& status) const;
 
  private:

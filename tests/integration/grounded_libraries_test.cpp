@@ -2,7 +2,9 @@
 // that are pulled out, absurd positions, the end.
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <string>
+#include <vector>
 
 #include "haptics/dhd/stand_in.hpp"
 #include "haptics/openhaptics/stand_in.hpp"
@@ -180,20 +182,52 @@ TYPED_TEST(GroundedLibrary, SaysWhichLibraryIsMissing) {
   EXPECT_NE(this->driver_->end(SIGTERM), 0);
 }
 
+class OpenHapticsProcess : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() { testing::use_own_domain(); }
+  void start() {
+    listener_.module = HdDevice::kModule;
+    driver_.emplace("softhand-haptic-openhaptics",
+                    std::vector<std::string>{"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml",
+                                             "--set", "haptic_openhaptics.library=" + std::string(HdDevice::kLibrary)},
+                    true);
+    ASSERT_TRUE(counts("openings", 1));
+  }
+  bool counts(const std::string& counter, double value) {
+    return listener_.until([] {}, [&] { return listener_.counter(counter) == value; });
+  }
+  HdDevice device_;
+  testing::TrackerListener listener_;
+  std::optional<testing::Process> driver_;
+};
+
 // A force error of the vendor's library, as motors that are too warm, is no reason to close the device.
-TEST(OpenHapticsProcess, CountsForceErrors) {
-  testing::use_own_domain();
-  HdDevice device;
-  testing::TrackerListener listener;
-  listener.module = HdDevice::kModule;
-  const testing::Process driver("softhand-haptic-openhaptics",
-                                {"--config", std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/pinch.toml", "--set",
-                                 "haptic_openhaptics.library=" + std::string(HdDevice::kLibrary)},
-                                true);
-  ASSERT_TRUE(listener.until([] {}, [&] { return listener.counter("openings") == 1; }));
-  device.state->error = 0x0200;
-  EXPECT_TRUE(listener.until([] {}, [&] { return listener.counter("device_errors") > 10; }));
-  EXPECT_EQ(listener.counter("openings"), 1);
+TEST_F(OpenHapticsProcess, CountsForceErrors) {
+  start();
+  device_.state->error = 0x0200;
+  EXPECT_TRUE(listener_.until([] {}, [&] { return listener_.counter("device_errors") > 10; }));
+  EXPECT_EQ(listener_.counter("openings"), 1);
+}
+
+// Errors wait in the library until somebody asks. Those of earlier calls say nothing about this device.
+TEST_F(OpenHapticsProcess, OpensTheDeviceWhateverErrorsWait) {
+  device_.state->older_errors = 3;
+  start();
+  EXPECT_EQ(device_.state->opened, 1);
+}
+
+TEST_F(OpenHapticsProcess, ClosesADeviceThatOpenedWithAnError) {
+  device_.state->init_error = 0x0301;
+  start();
+  EXPECT_EQ(device_.state->opened, 2);
+  EXPECT_EQ(device_.state->closed, 1);
+}
+
+TEST_F(OpenHapticsProcess, SeesAnErrorBehindAForceError) {
+  start();
+  device_.state->error = 0x0200;
+  device_.state->older_errors = 1;
+  EXPECT_TRUE(counts("openings", 2));
 }
 
 }  // namespace

@@ -234,6 +234,44 @@ TEST_F(HaplyProcess, LetsGoAfterASafetyEvent) {
   EXPECT_TRUE(counts("safety_events", 3));
 }
 
+// Nobody says that the brake is off after the service came back. So forces stay zero until it is released.
+TEST_F(HaplyProcess, StaysBrakedWhenTheServiceIsBack) {
+  open_device();
+  const auto port = device_->port(), event_port = device_->event_port();
+  start_driver();
+  set_force(0, 1, 0);
+  ASSERT_TRUE(feels(0, 1, 0));
+  device_->send_event("device-safety-triggered", "ebrake_triggered");
+  ASSERT_TRUE(counts("braked", 1));
+  device_.reset();
+  ASSERT_TRUE(health(Health::lost));
+  open_device("vector", port, event_port);
+  ASSERT_TRUE(health(Health::live));
+  const Nanoseconds since = now();
+  bool pushed = false;
+  push([&] {
+    pushed = pushed || commanded() != Vec3{};
+    return pushed || now() - since > 1'000'000'000;
+  });
+  EXPECT_FALSE(pushed);
+  EXPECT_TRUE(counts("braked", 1));
+  // The connection of events may come back after that of the reports.
+  const Nanoseconds released = now();
+  while (!counts("braked", 0) && now() - released < 30'000'000'000)
+    device_->send_event("device-safety-triggered", "ebrake_released");
+  EXPECT_TRUE(feels(0, 1, 0));
+}
+
+// A brake is heard while no report has the device, for example before the first one.
+TEST_F(HaplyProcess, HearsTheBrakeOfAnUnpluggedDevice) {
+  open_device();
+  start_driver();
+  device_->unplug(true);
+  ASSERT_TRUE(health(Health::lost));
+  device_->send_event("device-safety-triggered", "ebrake_triggered");
+  EXPECT_TRUE(counts("braked", 1));
+}
+
 TEST_F(HaplyProcess, LatencyAdded) {
   open_device();
   start_driver();

@@ -220,6 +220,25 @@ TEST_F(OpenGlovesProcess, ForcesReachTheGloveAndEveryEndIsZero) {
   EXPECT_EQ(glove->forces()[1], 0);  // the earlier connection too
 }
 
+TEST_F(OpenGlovesProcess, StaysWithTheGloveWhenOthersConnect) {
+  const int port = start_tcp();
+  Glove glove(port);
+  ASSERT_TRUE(push(glove, 2, [&] { return glove.forces()[1] == 500; }));
+  const Glove stray(port);
+  stray.send_text("GET / HTTP/1.1\n\n");
+  EXPECT_TRUE(listener_.until([] {}, [&] { return listener_.counter("refused_syntax") == 1; }));
+  const int before = listener_.count;
+  EXPECT_TRUE(push(glove, 3, [&] { return glove.forces()[1] == 750; }));
+  EXPECT_TRUE(listener_.until([&] { glove.send_curl(1000); }, [&] { return listener_.count > before; }));
+  // The earlier connection is let go, and is heard again after the newest one was silent.
+  Glove again(port);
+  ASSERT_TRUE(push(again, 3, [&] { return again.forces()[1] == 750; }));
+  EXPECT_TRUE(push(again, 3, [&] { return glove.forces()[1] == 0; }));
+  EXPECT_TRUE(push(glove, 3, [&] { return glove.forces()[1] == 750; }));
+  EXPECT_TRUE(push(glove, 3, [&] { return again.forces()[1] == 0; }));
+  EXPECT_TRUE(listener_.until([] {}, [&] { return listener_.counter("ignored_lines") > 0; }));
+}
+
 // A killed driver leaves the brakes as they are. The next one frees them with its first line, without an input.
 TEST_F(OpenGlovesProcess, IsFreeWhenAKilledDriverIsBack) {
   const int port = start_tcp();

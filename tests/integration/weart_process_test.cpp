@@ -132,6 +132,20 @@ TEST_F(WeartProcess, ConnectsAgainAfterPowerCycles) {
   EXPECT_TRUE(health(Health::live));
 }
 
+// A middleware that ended while it calibrated says nothing about that calibration after its restart.
+TEST_F(WeartProcess, FollowsFingersAfterACrashDuringTheCalibration) {
+  start_driver();
+  const int port = device_->port();
+  device_->send("CalibrationStatus:1:1~");
+  ASSERT_TRUE(counts("calibration", 1));
+  device_.reset();
+  ASSERT_TRUE(counts("connections", 0));
+  device_.emplace(port);
+  ASSERT_TRUE(counts("reconnects", 1));
+  EXPECT_TRUE(listener_.until([&] { device_->send(weart_tracking(0, 0, 0)); }, [&] { return listener_.count > 0; }));
+  EXPECT_TRUE(counts("calibration", 0));
+}
+
 TEST_F(WeartProcess, RefusesAndCountsBadMessages) {
   start_driver();
   const std::string good = weart_tracking(1, 2, 3);

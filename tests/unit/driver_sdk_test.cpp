@@ -4,12 +4,15 @@
 #include <gtest/gtest.h>
 #include <netinet/in.h>
 #include <stdlib.h>
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <termios.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <cstdio>
+#include <ctime>
 #include <filesystem>
 #include <functional>
 #include <string>
@@ -152,6 +155,63 @@ TEST(ArrivalQueue, DropsAndCountsWhatIsNotTaken) {
   ASSERT_EQ(sizes.size(), 64u);
   EXPECT_EQ(sizes[9], 2u);
   EXPECT_EQ(queue.passed_over(), 7u);
+}
+
+// Whatever the taker does meanwhile, packets keep their order, the newest one arrives, and the others are counted.
+TEST(SendQueue, KeepsTheOrderAndTheNewestPacket) {
+  constexpr int kPackets = 200'000;
+  SendQueue queue(8, 4);
+  std::atomic<bool> ended{false};
+  std::thread sender([&] {
+    for (int i = 0; i < kPackets; ++i) queue.push({packet_of(i), 0, 0, false});
+    queue.push({"too large", 0, 0, false});
+    ended = true;
+  });
+  int newest = -1, taken = 0;
+  bool in_order = true;
+  const auto take = [&] {
+    queue.take([&](const Arrival& packet) {
+      const int number = value_in<int>(packet);
+      in_order = in_order && number > newest;
+      newest = number;
+      ++taken;
+    });
+  };
+  while (!ended) take();
+  sender.join();
+  take();
+  EXPECT_TRUE(in_order);
+  EXPECT_EQ(newest, kPackets - 1);
+  EXPECT_EQ(static_cast<std::uint64_t>(taken) + queue.superseded(), kPackets + 1u);
+}
+
+// The newest packet is not lost: it may be the zero after which nothing is sent.
+TEST(Intake, SendsTheNewestPacketAfterAStall) {
+  const int server = socket(AF_INET, SOCK_DGRAM, 0);
+  sockaddr_in own{};
+  own.sin_family = AF_INET;
+  own.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  socklen_t size = sizeof own;
+  ASSERT_EQ(bind(server, reinterpret_cast<const sockaddr*>(&own), size), 0);
+  getsockname(server, reinterpret_cast<sockaddr*>(&own), &size);
+  const timeval limit{1, 0};
+  setsockopt(server, SOL_SOCKET, SO_RCVTIMEO, &limit, sizeof limit);
+  Intake intake(8);
+  intake.connect_udp("127.0.0.1", ntohs(own.sin_port));
+  for (int i = 0; i < 100; ++i) intake.send(0, std::to_string(i));  // its thread does not run yet
+  intake.start();
+  std::vector<std::string> packets;
+  char bytes[16];
+  for (ssize_t got; packets.size() < 65 && (got = recv(server, bytes, sizeof bytes, 0)) >= 0;)
+    packets.emplace_back(bytes, static_cast<std::size_t>(got));
+  ASSERT_EQ(packets.size(), 65u);
+  EXPECT_EQ(packets[63], "63");
+  EXPECT_EQ(packets[64], "99");
+  EXPECT_EQ(intake.counters().superseded, 35u);
+  intake.send(0, "next");
+  ASSERT_EQ(recv(server, bytes, sizeof bytes, 0), 4);
+  EXPECT_EQ(std::string(bytes, 4), "next");
+  close(server);
 }
 
 enum class Fault { none, size, content };
@@ -402,6 +462,32 @@ TEST(DeviceThread, OpensTheDeviceAgainAndStopsWithinASession) {
     EXPECT_EQ(thread.counters().reconnects, 1u);
   }
   EXPECT_EQ(sessions, 3);
+}
+
+// A connection that cannot be accepted waits. It must not be tried again and again.
+TEST(Intake, RestsWhileNoFileDescriptorIsFree) {
+  LineIntake lines(8);
+  const int peer = socket(AF_INET, SOCK_STREAM, 0);
+  rlimit limit{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &limit), 0);
+  const rlimit none{static_cast<rlim_t>(peer) + 1, limit.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none), 0);
+  const sockaddr_in to = address_of("127.0.0.1", lines.port);
+  EXPECT_EQ(connect(peer, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
+  std::vector<int> taken;  // numbers below the limit
+  for (int number; (number = dup(peer)) >= 0;) taken.push_back(number);
+  std::this_thread::sleep_for(50ms);
+  const std::clock_t before = std::clock();  // of all threads
+  std::this_thread::sleep_for(400ms);
+  const double used = static_cast<double>(std::clock() - before) / CLOCKS_PER_SEC;
+  const std::uint64_t open = lines.intake.counters().connections;
+  setrlimit(RLIMIT_NOFILE, &limit);
+  for (const int number : taken) close(number);
+  EXPECT_EQ(open, 0u);
+  EXPECT_LT(used, 0.1);
+  send_text(peer, "here\n");
+  EXPECT_TRUE(lines.received.count(1));
+  close(peer);
 }
 
 TEST(Intake, TheOldestOfTooManyConnectionsIsClosed) {

@@ -111,13 +111,66 @@ TEST(GroundedDevice, ExchangesTheNewestValues) {
   EXPECT_FALSE(device.measure(kStart, position));
 }
 
-TEST(GroundedDevice, LetsGoIfTheLoopStandsStill) {
-  Device device;
-  EXPECT_EQ(device.force(kStart), Vec3{});
-  device.write(kStart, Vec3{1, 2, 3});
-  EXPECT_EQ(device.force(kStart + kMillisecond), (Vec3{1, 2, 3}));
-  EXPECT_EQ(device.force(kStart + 19 * kMillisecond), (Vec3{1, 2, 3}));
-  EXPECT_EQ(device.force(kStart + 20 * kMillisecond), Vec3{});
+// A device whose loop and thread go on for some milliseconds, while the loop asks for (0, 2, 0) N.
+class PushedDevice : public ::testing::Test {
+ protected:
+  PushedDevice() { device_.set_open(true); }
+  // Returns the force of the last millisecond.
+  double run(int milliseconds) {
+    double force = 0;
+    for (int i = 0; i < milliseconds; ++i) {
+      time_ += kMillisecond;
+      if (loop_steps_) device_.write(time_, Vec3{0, 2, 0});
+      device_.moved(time_, {0, height_, 0});
+      force = device_.force(time_)[1];
+    }
+    return force;
+  }
+  Device device_;
+  Nanoseconds time_ = kStart;
+  double height_ = 0.1;
+  bool loop_steps_ = true;
+};
+
+TEST_F(PushedDevice, BeginsSoftlyWithEachOpening) {
+  for (int opening = 0; opening < 2; ++opening) {
+    EXPECT_EQ(run(1), 0) << opening;
+    EXPECT_NEAR(run(250), 1, 1e-9) << opening;
+    EXPECT_EQ(run(250), 2) << opening;
+    EXPECT_EQ(run(1000), 2) << opening;
+    device_.set_open(false);
+    device_.set_open(true);
+  }
+}
+
+TEST_F(PushedDevice, LetsGoIfTheLoopStandsStillAndBeginsSoftlyAgain) {
+  EXPECT_EQ(device_.force(kStart), Vec3{});
+  EXPECT_EQ(run(600), 2);
+  loop_steps_ = false;
+  EXPECT_EQ(run(19), 2);
+  EXPECT_EQ(run(1), 0);
+  loop_steps_ = true;
+  EXPECT_NEAR(run(6), 0.02, 1e-9);
+  EXPECT_EQ(run(600), 2);
+}
+
+TEST_F(PushedDevice, LetsGoIfItsSensorFailsAndBeginsSoftlyAgain) {
+  EXPECT_EQ(run(600), 2);
+  for (const double absurd : {std::numeric_limits<double>::quiet_NaN(), 1.1}) {
+    height_ = absurd;
+    EXPECT_EQ(run(49), 2);
+    EXPECT_EQ(run(1), 0);
+    EXPECT_EQ(run(100), 0);
+    height_ = 0.1;
+    EXPECT_NEAR(run(6), 0.02, 1e-9);
+    EXPECT_EQ(run(600), 2);
+  }
+}
+
+// At a low rate the device would let go between two steps.
+TEST(GroundedDevice, RefusesALowRate) {
+  EXPECT_THROW(DeviceLoop<BoneWrench>({.rate_hz = 140}, std::make_shared<Device>(), 1, 0), std::invalid_argument);
+  EXPECT_NO_THROW(DeviceLoop<BoneWrench>({.rate_hz = 150}, std::make_shared<Device>(), 1, 0));
 }
 
 // The observer counts the work of the force that acted, not of the one that the loop has just commanded.
@@ -132,6 +185,11 @@ TEST(GroundedDevice, KnowsWhichForceActed) {
     return acted;
   };
   device.set_open(true);
+  for (Nanoseconds time = kStart - 600 * kMillisecond; time < kStart; time += kMillisecond) {  // forces begin softly
+    device.write(time, Vec3{});
+    device.moved(time, {});
+    device.force(time);
+  }
   device.write(kStart, Vec3{1, 2, 3});
   EXPECT_EQ(acted_at(kStart + 1), Vec3{});
   device.force(kStart + 1);

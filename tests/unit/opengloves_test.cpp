@@ -111,8 +111,8 @@ TEST(AlphaLine, DecodesTheLinesOfAnotherLibrary) {
 
 class Alpha : public ::testing::Test {
  protected:
-  const FingerCurl* take(const std::string& line, std::uint64_t connection = 1) {
-    const auto* fingers = decoder_.take({line, 0, connection, false});
+  const FingerCurl* take(const std::string& line, std::uint64_t connection = 1, Nanoseconds time = 0) {
+    const auto* fingers = decoder_.take({line, time, connection, false});
     return fingers == nullptr ? nullptr : fingers->data();
   }
   double refused(const std::string& name) const {
@@ -148,6 +148,36 @@ TEST_F(Alpha, FollowsTheNewestConnection) {
   EXPECT_EQ(decoder_.connection(), 2u);
   EXPECT_EQ(take("A0", 1), nullptr);
   EXPECT_EQ(decoder_.refusals().total(), 0u);
+}
+
+// Anybody may connect: a scanner, a browser, the glove of the other hand. The glove goes on.
+TEST_F(Alpha, StaysWithTheGloveWhenOthersConnect) {
+  for (int i = 0; i < 2; ++i) take("A0", 1);
+  for (const char* line : {"GET / HTTP/1.1", "", "JM", "A99999"}) take(line, 2);
+  take("(ZH)0", 3);
+  take("A5", 3);
+  EXPECT_EQ(take("A5", 3), nullptr);
+  EXPECT_EQ(decoder_.connection(), 1u);
+  EXPECT_EQ(decoder_.ignored(), 3u);  // "", "JM", "(ZH)0"
+  EXPECT_NE(take("A1", 1), nullptr);
+  for (std::uint64_t connection = 4; connection < 100; ++connection) take("hello", connection);
+  EXPECT_NE(take("A1", 1), nullptr);
+  take("(ZH)1", 100);  // the glove is back
+  EXPECT_EQ(decoder_.connection(), 100u);
+  take("A2", 100);
+  EXPECT_NE(take("A2", 100), nullptr);
+}
+
+TEST_F(Alpha, ReturnsToTheOlderConnectionIfTheNewestIsSilent) {
+  constexpr Nanoseconds second = 1'000'000'000;
+  for (int i = 0; i < 2; ++i) take("A0", 1);
+  for (int i = 0; i < 2; ++i) take("A0", 2);
+  EXPECT_EQ(take("A0", 1, second / 2 - 1), nullptr);
+  EXPECT_NE(take("A0", 1, second / 2), nullptr);
+  EXPECT_EQ(decoder_.connection(), 1u);
+  EXPECT_NE(take("A0", 2, second), nullptr);
+  EXPECT_EQ(decoder_.connection(), 2u);
+  EXPECT_EQ(take("A0", 1, second), nullptr);
 }
 
 TEST_F(Alpha, RefusesAGloveOfTheOtherHand) {

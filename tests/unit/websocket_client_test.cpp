@@ -173,6 +173,27 @@ TEST_F(Client, SendsItsLastMessage) {
   }
 }
 
+// The thread stood still while more messages came than can wait.
+TEST_F(Client, SendsTheNewestMessageAfterAStall) {
+  open_service();
+  open_client();
+  std::mutex stall;
+  client_->translate([&](const Arrival& arrival) {
+    const std::lock_guard lock(stall);
+    return arrival.bytes;
+  });
+  client_->start();
+  ASSERT_TRUE(until([&] { return received_.size() == 1; }));
+  std::unique_lock lock(stall);
+  service_->send("hold");
+  std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  for (int i = 0; i < 100; ++i) client_->send(std::to_string(i));
+  lock.unlock();
+  ASSERT_TRUE(until([&] { return !messages_.empty(); }));
+  EXPECT_TRUE(until([&] { return messages_.back() == "99"; })) << messages_.back();
+  EXPECT_EQ(client_->counters().superseded, 100 - messages_.size());
+}
+
 TEST_F(Client, EndsWithoutAService) {
   open_client();
   client_->start();

@@ -16,7 +16,7 @@ DriverChecks check(const Options& options) {
                                           "Start the service, or correct `address` and `port`", first)};
   if (out[0].is_good) {
     const HaplyReport report = decode_haply_report(first, own.device_id);
-    const bool is_inventory = report.refusal == HaplyRefusal::none;
+    const bool is_inventory = report.refusal == HaplyRefusal::none && (report.has_list || report.has_session);
     const char* const version = report.has_session ? "of version 3.5 or later" : "older than version 3.5";
     out.push_back({is_inventory,
                    is_inventory ? std::string("its first message is ") + version

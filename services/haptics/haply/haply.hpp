@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cstdio>
+#include <string_view>
 
 #include "device/device_loop.hpp"
 #include "device/grounded_point.hpp"
@@ -79,11 +80,12 @@ class Haply final : public TrackerSource, public HapticDriver {
   void write(Nanoseconds now, std::span<const double> commands) override {
     const Vector3 wanted(commands[0], commands[1], commands[2]);
     const Vector3 force = wanted * share(now);
-    const bool lets_go = force.isZero(0) && !sent_.isZero(0);
-    if (unanswered_ >= kMostUnanswered && !lets_go && now - sent_at_ < kSlowService) return;
+    const bool lets_go = force.isZero(0) && !sent_.isZero(0), is_slow = now - sent_at_ >= kSlowService;
+    forget_unanswered(now, is_slow);
+    if (unanswered_ >= kMostUnanswered && !lets_go && !is_slow) return;
     if (newest_.has_device) {
       service_.send(HaplyCommand(newest_.device_id, key_, force).text());
-    } else if (now - sent_at_ >= kSlowService) {
+    } else if (is_slow) {
       service_.send(kHaplyProbe);
     } else {
       return;
@@ -109,12 +111,12 @@ class Haply final : public TrackerSource, public HapticDriver {
     if (message.connection != connection_) {
       connection_ = message.connection;
       unanswered_ = 1;  // the first report is not an answer
-      is_braked_ = false;
       begin(message.time, options_.force_key == "values" || (options_.force_key == "auto" && !report.has_session)
                               ? HaplyForceKey::values
                               : HaplyForceKey::vector);
     }
     unanswered_ = std::max(0, unanswered_ - 1);
+    answered_at_ = message.time;
     if (!refusals_.accepted(report.refusal)) return;
     ++reports_;
     if (report.has_device && !newest_.has_device) begin(message.time, key_);
@@ -123,6 +125,7 @@ class Haply final : public TrackerSource, public HapticDriver {
     newest_ = report;
     newest_time_ = message.time;
     if (!report.has_device) return;
+    known_id_ = report.device_id;
     check_effect(message.time);
     if (message.time - tracked_at_ < kTrackPeriod) return;
     tracked_at_ = message.time;
@@ -133,12 +136,25 @@ class Haply final : public TrackerSource, public HapticDriver {
   }
   void take(const HaplyEvent& event, Nanoseconds time) {
     if (!refusals_.accepted(event.refusal) || event.kind == HaplyEventKind::other) return;
-    if (event.device_id[0] != '\0' && event.device_id != newest_.device_id) return;
+    // Before the first report any device may be ours.
+    const std::string_view ours = known_id_[0] != '\0' ? known_id_.data() : options_.device_id;
+    const std::string_view id = event.device_id.data();
+    if (!id.empty() && !ours.empty() && id != ours) return;
     ++safety_events_;
+    // A brake outlives a connection: a service that is back does not say whether the brake is still on.
     is_braked_ = event.kind == HaplyEventKind::brake || (is_braked_ && event.kind != HaplyEventKind::release);
     halted_until_ = time + kHalt;
   }
 
+  void forget_unanswered(Nanoseconds now, bool is_slow) {
+    // A message that a newer one replaced never reached the service.
+    const std::uint64_t superseded = service_.counters().superseded;
+    unanswered_ = std::max(0, unanswered_ - static_cast<int>(superseded - superseded_));
+    superseded_ = superseded;
+    // The service has worked off all it got, and is quiet since: other reports will not come. One that stands still, or
+    // still catches up, gets no more messages than before.
+    if (is_slow && answered_at_ > sent_at_ && now - answered_at_ >= kSlowService / 2) unanswered_ = 0;
+  }
   // A version of the service that does not know our key ignores it.
   void check_effect(Nanoseconds now) {
     const bool has_no_effect =
@@ -166,7 +182,9 @@ class Haply final : public TrackerSource, public HapticDriver {
   HaplyEvent event_;    // used by the thread of events_
   HaplyReport newest_;
   Nanoseconds newest_time_ = 0, tracked_at_ = 0, sent_at_ = 0, ramp_from_ = 0, halted_until_ = 0;
-  std::uint64_t connection_ = 0;
+  HaplyId known_id_{};  // of the newest report with a device
+  std::uint64_t connection_ = 0, superseded_ = 0;
+  Nanoseconds answered_at_ = 0;
   int unanswered_ = 0;
   Vector3 sent_ = Vector3::Zero();
   HaplyForceKey key_ = HaplyForceKey::vector;

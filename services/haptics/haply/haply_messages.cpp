@@ -80,6 +80,7 @@ HaplyRefusal read_report(std::string_view text, std::string_view device_id, Hapl
   const Json* devices = member(json, "inverse3");
   if (devices == nullptr) return HaplyRefusal::none;
   if (!devices->is_array()) return HaplyRefusal::content;
+  out.has_list = true;
   for (const Json& device : *devices) {
     HaplyId id;
     if (!read_id(member(device, "device_id"), id)) return HaplyRefusal::content;

@@ -25,6 +25,7 @@ struct HaplyReport {
   HaplyRefusal refusal = HaplyRefusal::none;
   /// The first message of a connection, with the settings of the devices.
   bool is_inventory = false;
+  bool has_list = false;  ///< it lists the devices, perhaps none
   /// It has a session id, which services from 3.5 on send. They call a force `vector`.
   bool has_session = false;
   bool has_device = false;  ///< the rest is valid

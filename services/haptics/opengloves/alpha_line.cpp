@@ -126,27 +126,43 @@ ForceLine::ForceLine(std::span<const double> shares, std::int64_t maximum) {
 }
 
 const std::array<FingerCurl, kFingerCount>* AlphaDecoder::take(const Arrival& packet) {
-  if (packet.connection < connection_) return nullptr;
-  if (packet.connection > connection_) {
-    connection_ = packet.connection;
-    layout_ = 0;
-    is_other_hand_ = false;
-  }
+  Peer& peer = peer_of(packet.connection);
   std::string_view text = packet.bytes;
   if (!text.empty() && text.back() == '\r') text.remove_suffix(1);
   bool is_used = false;
   AlphaRefusal refusal = decode_alpha_line(text, maximum_, line_);
-  if (refusal == AlphaRefusal::none) refusal = check(line_, is_used);
-  return refusals_.accepted(refusal) && is_used ? &line_.fingers : nullptr;
+  if (refusal == AlphaRefusal::none) refusal = check(line_, peer, is_used);
+  if (!refusals_.accepted(refusal)) return nullptr;
+  const bool is_of_glove = !peer.is_other_hand && (line_.layout != 0 || line_.hand);
+  const bool takes_over = is_of_glove && (packet.connection > connection_ || packet.time - heard_at_ >= kSilent);
+  if (packet.connection != connection_ && !takes_over) {
+    ++ignored_;
+    return nullptr;
+  }
+  if (is_of_glove) {
+    connection_ = packet.connection;
+    heard_at_ = packet.time;
+  }
+  return is_used ? &line_.fingers : nullptr;
 }
 
-AlphaRefusal AlphaDecoder::check(const AlphaLine& line, bool& is_used) {
-  if (line.hand) is_other_hand_ = *line.hand != side_;
+AlphaDecoder::Peer& AlphaDecoder::peer_of(std::uint64_t connection) {
+  Peer* oldest = nullptr;
+  for (Peer& peer : peers_) {
+    if (peer.connection == connection) return peer;
+    const bool is_glove = connection_ != 0 && peer.connection == connection_;
+    if (!is_glove && (oldest == nullptr || peer.connection < oldest->connection)) oldest = &peer;
+  }
+  return *oldest = {connection, 0, false};
+}
+
+AlphaRefusal AlphaDecoder::check(const AlphaLine& line, Peer& peer, bool& is_used) const {
+  if (line.hand) peer.is_other_hand = *line.hand != side_;
   if (line.layout == 0) return AlphaRefusal::none;
-  if (is_other_hand_) return AlphaRefusal::hand;
+  if (peer.is_other_hand) return AlphaRefusal::hand;
   // The first line of a connection may be the end of one.
-  const bool is_first = layout_ == 0, is_same = layout_ == line.layout;
-  layout_ = line.layout;
+  const bool is_first = peer.layout == 0, is_same = peer.layout == line.layout;
+  peer.layout = line.layout;
   is_used = is_same;
   return is_same || is_first ? AlphaRefusal::none : AlphaRefusal::layout;
 }

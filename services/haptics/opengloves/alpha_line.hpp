@@ -42,27 +42,37 @@ class ForceLine {
   std::size_t size_ = 0;
 };
 
-/// Turns the lines of one glove into curls. Lines of earlier connections than the newest one are ignored. A line is
-/// used if it has the same keys as the line before: a line that lost bytes on the way, or is the end of one, has
-/// others.
+/// Turns the lines of one glove into curls. It follows the newest connection that sent a line of this glove, and an
+/// earlier one if that is silent for 0.5 s: anybody may connect. A line is used if it has the same keys as the line
+/// before: a line that lost bytes on the way, or is the end of one, has others.
 class AlphaDecoder {
  public:
   AlphaDecoder(Side side, std::int64_t maximum) : side_(side), maximum_(maximum) {}
 
   /// Returns the curls of the line, or null if it has none. Valid until the next call. Does not allocate.
   const std::array<FingerCurl, kFingerCount>* take(const Arrival& packet);
-  /// Newest connection from which a line came; 0 = none.
+  /// The connection of the glove; 0 = no line of it came yet.
   std::uint64_t connection() const { return connection_; }
+  /// Good lines of other connections.
+  std::uint64_t ignored() const { return ignored_; }
   const Refusals<AlphaRefusal, kAlphaRefusalNames.size()>& refusals() const { return refusals_; }
 
  private:
-  AlphaRefusal check(const AlphaLine& line, bool& is_used);
+  static constexpr std::size_t kPeers = 16;  // as many as an Intake keeps open
+  static constexpr Nanoseconds kSilent = 500'000'000;
+  struct Peer {
+    std::uint64_t connection = 0;
+    std::uint32_t layout = 0;  // of the line before
+    bool is_other_hand = false;
+  };
+  Peer& peer_of(std::uint64_t connection);
+  AlphaRefusal check(const AlphaLine& line, Peer& peer, bool& is_used) const;
 
   Side side_;
   std::int64_t maximum_;
-  std::uint64_t connection_ = 0;
-  std::uint32_t layout_ = 0;  // of the line before
-  bool is_other_hand_ = false;
+  std::array<Peer, kPeers> peers_{};
+  std::uint64_t connection_ = 0, ignored_ = 0;
+  Nanoseconds heard_at_ = 0;
   AlphaLine line_;
   Refusals<AlphaRefusal, kAlphaRefusalNames.size()> refusals_{kAlphaRefusalNames};
 };

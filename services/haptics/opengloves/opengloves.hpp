@@ -34,7 +34,8 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
   void poll(Nanoseconds, TrackerSink& out) override {
     intake_.take([&](const Arrival& packet) {
       const auto* fingers = decoder_.take(packet);
-      is_asked_ = true;
+      // Others than the glove are not answered. Before its first good line it may be any of them.
+      if (decoder_.connection() == 0 || packet.connection == decoder_.connection()) is_asked_ = true;
       if (fingers == nullptr) return;
       fingers_ = *fingers;
       for (FingerCurl& finger : fingers_) finger.splay *= options_.splay_angle;
@@ -51,6 +52,7 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
   void fill_status(LoopStatus& status) const override {
     intake_.fill_status(status);
     decoder_.refusals().fill_status(status, intake_.counters().refused_size);
+    add_counter(status, "ignored_lines", static_cast<double>(decoder_.ignored()));
   }
 
   DeviceLimits limits() const override { return {kFingerCount, 0, options_.blocking_force, options_.slew}; }
@@ -60,6 +62,7 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
   // Firmware with brakes waits for a line after each of its own, up to 1 s. So each one is answered, and nothing else
   // is sent except zero forces and, to a glove that is slow, new ones.
   void write(Nanoseconds now, std::span<const double> commands) override {
+    let_go_of_earlier();
     const bool is_new = !std::equal(commands.begin(), commands.end(), sent_.begin());
     const bool is_zero = std::all_of(commands.begin(), commands.end(), [](double force) { return force == 0; });
     const bool is_late = now - sent_at_ >= kSlowGlove;
@@ -79,6 +82,16 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
 
  private:
   static constexpr Nanoseconds kSlowGlove = 20'000'000;
+
+  // A glove that forces no longer reach must not stay blocked.
+  void let_go_of_earlier() {
+    const std::uint64_t connection = decoder_.connection();
+    if (connection == connection_) return;
+    const std::array<double, kFingerCount> zero{};
+    if (connection_ != 0) intake_.send(connection_, ForceLine(zero, options_.force_maximum).text());
+    connection_ = connection;
+  }
+
   Options options_;
   Intake intake_{kLargestAlphaLine};
   CurlLifter lifter_;
@@ -87,6 +100,7 @@ class OpenGloves final : public TrackerSource, public HapticDriver {
   Skeleton hand_;
   std::array<double, kFingerCount> sent_{};
   Nanoseconds sent_at_ = 0;
-  bool is_asked_ = false;  // the glove sent a line and waits for the answer
+  std::uint64_t connection_ = 0;  // that gets forces
+  bool is_asked_ = false;         // the glove sent a line and waits for the answer
 };
 }  // namespace softhand

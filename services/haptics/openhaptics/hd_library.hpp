@@ -41,9 +41,23 @@ class HdLibrary {
 
   /// The device of this name, empty = the default device. kNoDevice, and the code in `error`, if it cannot be opened.
   unsigned open(const std::string& name, unsigned& error) const {
+    for_each_error([](unsigned) {});  // of earlier calls
     const unsigned device = init_device(name.empty() ? nullptr : name.c_str());
     error = get_error().code;
-    return error == 0 ? device : kNoDevice;
+    if (error == 0 || device == kNoDevice) return device;
+    disable_device(device);
+    return kNoDevice;
+  }
+  /// Calls f(code) for each error that waits in the library, newest first. A library that always has one is asked some
+  /// times only.
+  template <typename F>
+  void for_each_error(F&& f) const {
+    constexpr int kMost = 32;
+    for (int i = 0; i < kMost; ++i) {
+      const unsigned code = get_error().code;
+      if (code == 0) return;
+      f(code);
+    }
   }
 
   unsigned (*init_device)(const char* name);

@@ -89,12 +89,11 @@ class OpenHaptics final : public GroundedDevice {
     const Vec3 newton = is_last ? Vec3{} : force(time);
     library_.set_doubles(HdLibrary::kForce, newton.data());
     library_.end_frame(device_);
-    const HdLibrary::Error error = library_.get_error();
-    if (HdLibrary::is_force_error(error.code)) count_error();
-    if (error.code != 0 && !HdLibrary::is_force_error(error.code)) {
-      error_ = error.code;
+    library_.for_each_error([this](unsigned code) {
+      if (HdLibrary::is_force_error(code)) return count_error();
+      error_ = code;
       is_lost_ = true;
-    }
+    });
     is_done_ = is_last;
     return is_last ? HdLibrary::kDone : HdLibrary::kContinue;
   }

@@ -35,6 +35,7 @@ constexpr unsigned kDevice = 5, kNoDevice = 0xffffffff, kCommunication = 0x0302;
 
 thread_local bool is_in_frame = false;
 thread_local bool is_scheduler = false;
+std::atomic<unsigned> newest_error{0};
 Callback scheduled = nullptr;
 void* scheduled_data = nullptr;
 std::atomic<bool> stop{false};
@@ -50,6 +51,7 @@ extern "C" {
 unsigned hdInitDevice(const char*) {
   if (!device().is_present) return kNoDevice;
   ++device().opened;
+  newest_error = device().init_error.exchange(0);
   return kDevice;
 }
 void hdDisableDevice(unsigned) {
@@ -63,7 +65,10 @@ void hdMakeCurrentDevice(unsigned) {}
 void hdEnable(unsigned capability) { device().is_enabled = capability == 0x4000; }
 Error hdGetError() {
   if (!device().is_present) return {kCommunication, 0, kDevice};
-  return {device().error, 0, kDevice};
+  const unsigned newest = newest_error.exchange(0);
+  if (newest != 0 || device().older_errors == 0) return {newest, 0, kDevice};
+  --device().older_errors;
+  return {kCommunication, 0, kDevice};
 }
 unsigned long hdScheduleAsynchronous(Callback callback, void* data, unsigned short) {
   scheduled = callback;
@@ -88,6 +93,7 @@ void hdBeginFrame(unsigned) { is_in_frame = true; }
 void hdEndFrame(unsigned) {
   check_frame();
   is_in_frame = false;
+  newest_error = device().error.load();
   ++device().frames;
 }
 void hdGetDoublev(unsigned parameter, double* values) {

@@ -12,6 +12,8 @@ inline constexpr const char* kHdStandInFile = "SOFTHAND_HD_STAND_IN";
 struct HdStandIn {
   std::atomic<bool> is_present{true};
   std::atomic<unsigned> error{0};                 // that each frame reports
+  std::atomic<unsigned> init_error{0};            // that the next opening reports, although it succeeds
+  std::atomic<int> older_errors{0};               // of communication, that wait behind the newest
   std::array<std::atomic<double>, 3> position{};  // mm
   std::array<std::atomic<double>, 3> force{};     // N, of the last frame
   std::atomic<bool> is_enabled{false};

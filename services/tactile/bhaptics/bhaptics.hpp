@@ -34,7 +34,11 @@ class Bhaptics final : public TactileDriver {
   /// Nothing vibrates after the end of the process, whatever was lost on the way.
   ~Bhaptics() override { player_.send(kPlayerTurnOffAll); }
 
-  DeviceLimits limits() const override { return {kGloveMotors, 0, 1, options_.slew}; }
+  DeviceLimits limits() const override {
+    DeviceLimits out{kGloveMotors, 0, 1, options_.slew};
+    out.lowest_rate = kLowestRate;
+    return out;
+  }
   /// The motor at the wrist vibrates if the palm touches.
   void command(const SkinTraction& input, std::span<double> requested) override {
     const auto touches = taxels_.feel(input);
@@ -65,6 +69,7 @@ class Bhaptics final : public TactileDriver {
   static constexpr std::size_t kSlots = 16;
   static constexpr Nanoseconds kFramePeriod = 20'000'000;
   static constexpr int kFrameMilliseconds = 40;  // less than the 50 ms that "off" may take: `release`
+  static constexpr double kLowestRate = 100;     // a frame is sent again before it ends, even if a step is late
 
   void take(const PlayerReport& report) {
     if (!refusals_.accepted(report.refusal)) return;

@@ -40,6 +40,9 @@ class Weart final : public TrackerSource, public TactileDriver {
   void poll(Nanoseconds, TrackerSink& out) override {
     intake_.take([&](const Arrival& message) {
       const auto report = value_in<WeartReport>(message);
+      // A middleware that was started again knows nothing of the calibration before.
+      if (message.connection != heard_connection_) calibration_ = 0;
+      heard_connection_ = message.connection;
       if (refusals_.accepted(report.refusal)) take(report, message.time, out);
     });
   }
@@ -136,7 +139,7 @@ class Weart final : public TrackerSource, public TactileDriver {
   std::array<double, 3 * kWeartPoints.size()> sent_{};
   std::array<WeartEffects, kWeartPoints.size()> effects_{};
   Nanoseconds sent_at_ = 0;
-  std::uint64_t connection_ = 0;
+  std::uint64_t connection_ = 0, heard_connection_ = 0;
   int calibration_ = 0, status_code_ = 0, gloves_ = 0;
   Refusals<WeartRefusal, kWeartRefusalNames.size()> refusals_{kWeartRefusalNames};
   Intake intake_{kLargestWeartMessage};  // last: its thread uses report_
