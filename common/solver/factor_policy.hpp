@@ -60,6 +60,8 @@ class FactorPolicy {
   void start_again(bool keeps_factor);
   /// By the residual and by the estimated remaining movement.
   bool has_converged(const StepReport& report) const;
+  /// Work that the solves of an iteration may take, so that its line search fits into the budget.
+  double work_for_solves(const StepReport& report) const { return remaining_work(report) - evaluation_work_; }
   bool affords_whole_factor(const StepReport& report) const { return remaining_work(report) >= whole_work_; }
   /// Whether the step has taken all work that it may take beyond its budget.
   bool exceeds_overrun(const StepReport& report) const;

@@ -26,11 +26,12 @@ LooseSolve::LooseSolve(int dof_count) {
 }
 
 void LooseSolve::solve(HessianFactor& factor, const BlockMatrix& hessian, const VectorX& rhs, VectorX& x,
-                       StepMeter& meter) {
+                       double most_work, StepMeter& meter) {
   if (hessian.loose_in_use().empty()) {
     factor.solve(rhs, x, meter);
     return;
   }
+  const double work_before = meter.report.work;
   residual_ = rhs;
   factor.solve(residual_, preconditioned_, meter);
   direction_ = preconditioned_;
@@ -52,6 +53,7 @@ void LooseSolve::solve(HessianFactor& factor, const BlockMatrix& hessian, const 
     direction_ = preconditioned_ + next / square * direction_;
     product_ = residual_ + next / square * product_;
     square = next;
+    if (meter.report.work - work_before + meter.prices.solve > most_work) break;
   }
   // An indefinite model: the direction of the factor alone.
   if (x.isZero(0)) x = direction_;

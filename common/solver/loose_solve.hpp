@@ -15,8 +15,10 @@ class LooseSolve {
  public:
   explicit LooseSolve(int dof_count);
   /// x := an approximation of (A + L)^-1 rhs, a direction along which the model's energy falls. `factor`: of `hessian`
-  /// without its loose blocks. One plain solve if there are no loose blocks. Does not allocate.
-  void solve(HessianFactor& factor, const BlockMatrix& hessian, const VectorX& rhs, VectorX& x, StepMeter& meter);
+  /// without its loose blocks. One plain solve if there are no loose blocks. Otherwise two or more, and none after the
+  /// second that would exceed `most_work`. Does not allocate.
+  void solve(HessianFactor& factor, const BlockMatrix& hessian, const VectorX& rhs, VectorX& x, double most_work,
+             StepMeter& meter);
 
  private:
   VectorX residual_, preconditioned_, direction_, product_;

@@ -319,7 +319,7 @@ bool NewtonSolver::find_direction(const State& state, bool condenses, StepMeter&
         condensed_newton_.touched_blocks(potential_.hessian()) <= kRoomy * room_)
       policy_.set_touches_much(false);
     pull_ = -potential_.gradient();
-    loose_solve_.solve(factor_, potential_.hessian(), pull_, direction_, meter);
+    loose_solve_.solve(factor_, potential_.hessian(), pull_, direction_, policy_.work_for_solves(meter.report), meter);
     return true;
   }
   if (!factor_.is_without_kinks()) return false;

@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <limits>
 
 #include "solver/loose_solve.hpp"
 #include "support/box_mesh.hpp"
@@ -99,13 +100,19 @@ TEST(LooseBlocks, SolveTakesThemIntoAccount) {
   factor.solve(rhs, plain, meter);
   LooseSolve loose(3 * kNodes);
   const double before = meter.report.work;
-  loose.solve(factor, potential.hessian(), rhs, x, meter);
+  loose.solve(factor, potential.hessian(), rhs, x, std::numeric_limits<double>::infinity(), meter);
   EXPECT_LE(meter.report.work - before, 13.0) << "solves";
+  EXPECT_GT(meter.report.work - before, 3.0) << "solves";
   const Eigen::MatrixXd matrix = potential.hessian().dense();
   const VectorX exact = matrix.ldlt().solve(rhs);
   const auto error = [&](const VectorX& y) { return std::sqrt((y - exact).dot(matrix * (y - exact))); };
   EXPECT_LE(error(x), 0.3 * error(plain));
   EXPECT_LE(error(x), 0.15 * std::sqrt(exact.dot(matrix * exact)));
+
+  const double cut_off = meter.report.work;
+  loose.solve(factor, potential.hessian(), rhs, x, 3, meter);
+  EXPECT_EQ(meter.report.work - cut_off, 3.0) << "solves";
+  EXPECT_LE(error(x), error(plain));
 }
 
 }  // namespace
