@@ -397,8 +397,9 @@ Frame encode(const Prompt& prompt) {
 }
 
 Frame encode(const GatewayState& state) {
-  Packer out(FrameType::gateway, 0, 48 + 8 * state.refused.size());
+  Packer out(FrameType::gateway, 0, 56 + 8 * state.refused.size());
   out.put(static_cast<double>(state.clock) * 1e-9);
+  out.put(state.epoch);
   out.integer(state.pages);
   out.integer(state.rate_hz);
   for (const std::uint64_t value :

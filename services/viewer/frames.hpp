@@ -105,7 +105,8 @@ using RefusalCounts = std::array<std::uint64_t, kRefusalNames.size()>;
 
 /// State of the gateway, sent every half second.
 struct GatewayState {
-  Nanoseconds clock = 0;  ///< monotonic; with it the page computes ages
+  Nanoseconds clock = 0;    ///< monotonic; with it the page computes ages
+  std::uint64_t epoch = 0;  ///< of this start of the gateway
   std::uint32_t pages = 0;
   std::uint32_t rate_hz = 0;
   std::uint64_t bytes_sent = 0;

@@ -119,6 +119,7 @@ class Gateway::Impl {
       next_state_ = at + kStatePeriod;
       const ServerCounters counters = server_.counters();
       const GatewayState state{at,
+                               epoch_,
                                counters.pages,
                                static_cast<std::uint32_t>(rate_hz_ + 0.5),
                                counters.bytes_sent,
@@ -181,17 +182,18 @@ class Gateway::Impl {
     return model != nullptr && model->soft ? &*model->soft : nullptr;
   }
 
-  // The content of an object file. A file that cannot be used is named once, and gives null.
+  // The content of an object file. A file that cannot be used is named once, and gives null. It may be put there later,
+  // so each description tries again.
   const ObjectModel* model_of(const ShapeFile& file) {
     const std::string name(get_text(file.name)), sha256(get_text(file.sha256));
     if (files_.size() >= kMostFiles) files_.clear();  // anybody on the domain can invent names
     const auto [known, is_new] = files_.try_emplace(name + " " + sha256);
-    if (is_new) {
+    if (!known->second) {
       try {
         known->second = find_object(name, sha256, folders_);
         if (!known->second) throw std::runtime_error("no file '" + name + std::string(kObjectSuffix) + "'");
       } catch (const std::exception& problem) {
-        std::fprintf(stderr, "softhand-viewer: object '%s' refused: %s\n", name.c_str(), problem.what());
+        if (is_new) std::fprintf(stderr, "softhand-viewer: object '%s' refused: %s\n", name.c_str(), problem.what());
       }
     }
     return known->second ? &known->second->model : nullptr;
@@ -211,7 +213,7 @@ class Gateway::Impl {
   bool quantised_;
   double rate_hz_;
   std::vector<std::string> folders_;
-  std::map<std::string, std::optional<LoadedObject>> files_;  // by name and SHA-256; empty: cannot be used
+  std::map<std::string, std::optional<LoadedObject>> files_;  // by name and SHA-256; empty: could not be used
   const bus::Participant& participant_;
   Feed<HandDescription> hand_descriptions_{participant_, bus::topics::hand_description, FrameType::hand_description};
   Feed<ObjectDescription> object_descriptions_{participant_, bus::topics::object_description,

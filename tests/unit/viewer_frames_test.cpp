@@ -279,6 +279,17 @@ TEST(ViewerFrames, EveryTopicHasAMatchingHeader) {
   expect_header(encode(description), FrameType::object_description, 5);
 }
 
+TEST(ViewerFrames, TheStateOfTheGatewayHasItsEpoch) {
+  GatewayState state;
+  state.epoch = 0x123456789abcdef0;
+  state.pages = 3;
+  state.refused.back() = 7;
+  const Frame frame = encode(state);
+  EXPECT_EQ(at<std::uint64_t>(frame, 8), state.epoch);
+  EXPECT_EQ(at<std::uint32_t>(frame, 16), 3u);
+  EXPECT_EQ(at<double>(frame, 56 + 8 * (state.refused.size() - 1)), 7);
+}
+
 TEST(ViewerFrames, ALinkOfAnObjectFileIsSentWithItsTrianglesInTheBodyFrame) {
   ObjectDescription description;
   description.object = 5;

@@ -1,9 +1,24 @@
 // Tests of the gateway with plain WebSocket clients.
 import assert from "node:assert/strict";
+import { copyFileSync, mkdtempSync, rmSync } from "node:fs";
 import { connect } from "node:net";
-import { networkInterfaces } from "node:os";
+import { networkInterfaces, tmpdir } from "node:os";
 import { after, before, test } from "node:test";
-import { Client, MESSAGE, Process, SHOW, frame, gateway, message, pause, publisher, show, until } from "./harness.mjs";
+import {
+  Client,
+  MESSAGE,
+  Process,
+  SHOW,
+  build,
+  frame,
+  gateway,
+  message,
+  pause,
+  publisher,
+  show,
+  source as tree,
+  until,
+} from "./harness.mjs";
 
 const NODES = 1 << 2;
 const DESCRIPTION = 1 << 1;
@@ -55,6 +70,20 @@ async function leave(one) {
   one.socket.close();
   await one.closed;
 }
+
+test("each gateway has its own epoch", async () => {
+  const other = await gateway();
+  const epochs = [];
+  for (const url of [viewer.url, other.url, viewer.url]) {
+    const one = new Client(url);
+    await one.opened;
+    epochs.push((await one.state()).epoch);
+    await leave(one);
+  }
+  assert.equal(epochs[0], epochs[2]);
+  assert.notEqual(epochs[0], epochs[1]);
+  await other.process.end();
+});
 
 test("serves the page and no other file", async () => {
   const index = await fetch(`${viewer.url}/`);
@@ -238,6 +267,37 @@ test("a module answers that a key is unknown", async () => {
   assert.match(answers[0], /^7 unknown key/);
   assert.match(answers[1], /^8 not for this module/);
   await leave(one);
+});
+
+test("an object file that comes late is used with the next description", async () => {
+  const folder = mkdtempSync(`${tmpdir()}/softhand_viewer_`);
+  copyFileSync(`${tree}/config/scenes/pinch.toml`, `${folder}/pinch.toml`);
+  const settings = ["viewer.port=0", `hand.model=${tree}/config/hands/right_400.hand.json`];
+  const late = new Process(
+    `${build}/bin/softhand-viewer`,
+    ...["--config", `${folder}/pinch.toml`],
+    ...settings.flatMap((setting) => ["--set", setting]),
+  );
+  const [, url] = await late.line(/see it at (\S+)/);
+  const one = new Client(url);
+  await one.opened;
+  one.socket.send(show(1 << 14));
+  await one.state();
+  const tell = (value) => one.socket.send(message("*", "ball", value));
+  tell("round");
+  await late.line(/object 'sponge_ball' refused/);
+  tell("flat");
+  await source.line(/message \* ball flat/);
+  await pause(500);
+  assert.equal(late.output.split("object 'sponge_ball' refused").length, 2, "it is said once");
+  assert.equal(one.count.get(14), undefined);
+  copyFileSync(`${tree}/config/objects/sponge_ball.object.json`, `${folder}/sponge_ball.object.json`);
+  tell("round");
+  await until("the object", () => one.count.get(14) === 1);
+  tell("removed");
+  await leave(one);
+  await late.end();
+  rmSync(folder, { recursive: true });
 });
 
 test("a page that keeps sending bad frames is disconnected", async () => {

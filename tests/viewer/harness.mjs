@@ -104,12 +104,13 @@ export async function browser(...more) {
 
 export const SHOW = 32;
 export const MESSAGE = 33;
-export function frame(type, payload, { magic = 0x46564853, version = 3, length = payload.length } = {}) {
+export function frame(type, payload, { magic = 0x46564853, version = 3, length = payload.length, instance = 0 } = {}) {
   const header = Buffer.alloc(16);
   header.writeUInt32LE(magic, 0);
   header.writeUInt16LE(version, 4);
   header.writeUInt16LE(type, 6);
   header.writeUInt32LE(length, 8);
+  header.writeUInt32LE(instance, 12);
   return Buffer.concat([header, payload]);
 }
 export function show(types, rate = 0) {
@@ -183,9 +184,10 @@ export class Client {
     const payload = this.frames.get(12);
     const names = ["none", "size", "magic", "version", "type", "content", "origin", "flood", "token"];
     return {
-      pages: payload.readUInt32LE(8),
-      passedOver: payload.readDoubleLE(32),
-      refused: Object.fromEntries(names.map((name, i) => [name, payload.readDoubleLE(48 + 8 * i)])),
+      epoch: payload.readBigUInt64LE(8),
+      pages: payload.readUInt32LE(16),
+      passedOver: payload.readDoubleLE(40),
+      refused: Object.fromEntries(names.map((name, i) => [name, payload.readDoubleLE(56 + 8 * i)])),
     };
   }
 }

@@ -218,7 +218,7 @@ test("the panel shows the figures of the published status", async () => {
   assert.equal(await drops("haptic").getAttribute("class"), "bad");
   assert.match(await drops("haptic").getAttribute("title"), /second writer of bone_wrench: tracking, process 4711/);
   assert.equal((await drops("hand").getAttribute("class")) ?? "", "");
-  assert.equal(await page.locator("#force-index").textContent(), "1.50");
+  assert.equal(await page.locator("#forces [data-finger=index]").textContent(), "1.50");
   assert.equal(await page.locator('#modules tr[data-module="haptic"] [data-field="age"]').textContent(), "1235 s");
   // No part of the panel is cut off, and each figure is on one line.
   const wide = () =>
@@ -595,6 +595,209 @@ test("the page threw no error and got no bad frame during these tests", async ()
   assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
   await page.close(); // the next pages need the processor that draws this one
 });
+
+// ---- a page whose frames come from the test ----
+
+const SHOW = 32;
+const u32 = (...values) => Buffer.from(new Uint32Array(values).buffer);
+const f32 = (...values) => Buffer.from(new Float32Array(values).buffer);
+const f64 = (...values) => Buffer.from(new Float64Array(values).buffer);
+const text = (value, size) => Buffer.concat([Buffer.from(value), Buffer.alloc(size)]).subarray(0, size);
+const named = (values, put) =>
+  Buffer.concat([
+    u32(Object.keys(values).length, 0),
+    ...Object.entries(values).flatMap(([name, value]) => [text(name, 32), put(value)]),
+  ]);
+let sequence = 0;
+const stamp = () => f64(++sequence / 60, sequence / 60, sequence);
+const contacts = (thumb) => Buffer.concat([stamp(), f32(thumb), Buffer.alloc(316)]);
+const status = (module, pace, motors = {}) => {
+  const names = [
+    "rate_hz nominal_rate_hz step_ms_p50 step_ms_p99 step_ms_p999 deadline_misses input_drops input_age_ms iterations",
+    "residual contact_count penetration inverted_elements steps coupling_stretch passivity_energy",
+  ];
+  const fields = Object.fromEntries(names.join(" ").split(" ").map((name) => [name, 1]));
+  const lists = { energies: {}, ledger: {}, counters: { pace, ...motors } };
+  return Buffer.concat([
+    stamp(),
+    text(module, 64),
+    named(fields, f64),
+    named({ second_writer: "" }, () => Buffer.alloc(128)),
+    named(lists, (list) => named(list, f64)),
+  ]);
+};
+const object = (shape, vertices = []) =>
+  Buffer.concat([u32(0, 0, shape, vertices.length / 3), f32(1, 1, 0.03, 0.03, 0.03), text("", 64), f32(...vertices)]);
+const objects = (...ids) =>
+  Buffer.concat([
+    stamp(),
+    u32(ids.length, 0),
+    ...ids.flatMap((id) => [u32(id, 0, 0), f32(0.1 * id - 0.15, 0.05, 0, 0, 0, 0, 1, 0, 0, 0)]),
+  ]);
+const HULL = [0, 0, 0, 0.05, 0, 0, 0, 0.05, 0, 0, 0, 0.05];
+
+/** `send(type, payload, instance)` sends a frame to the page, and `heard` has what the page sent. */
+let played = null;
+async function player() {
+  if (played) return played;
+  const made = { page: await chromium.newPage(size), heard: [], epoch: 1n };
+  made.page.on("pageerror", (error) => errors.push(String(error)));
+  await made.page.routeWebSocket(/stream/, (socket) => {
+    socket.onMessage((message) => made.heard.push(message));
+    made.send = (type, payload, instance = 0) => socket.send(frame(type, payload, { instance }));
+  });
+  // The camera stands still.
+  await made.page.goto(`${viewer.url}?show=hand,objects,tracked,contacts&camera=0.2,0.3,0.5,0,0.05,0`);
+  await made.page.evaluate(() => window.softhand.fixResolution(0.5));
+  await until("connected", () => made.send);
+  const state = () => {
+    const epoch = Buffer.alloc(8);
+    epoch.writeBigUInt64LE(made.epoch);
+    made.send(12, Buffer.concat([f64(0), epoch, u32(1, 60), f64(sequence, ...Array(12).fill(0))]));
+  };
+  setInterval(state, 200).unref();
+  made.hands = () => made.page.evaluate(() => window.softhand.handCount());
+  made.programs = () => made.page.evaluate(() => window.softhand.programCount());
+  made.count = (parts) => made.page.locator(parts).count();
+  return (played = made);
+}
+/** Runs `check(player)`, whose pictures are those of its page. */
+async function withPlayer(check) {
+  const main = page;
+  const made = await player();
+  page = made.page;
+  try {
+    await check(made);
+  } finally {
+    page = main;
+  }
+}
+
+test("each of two hands has its own figures", () =>
+  withPlayer(async ({ send }) => {
+    send(6, contacts(1), 0);
+    const names = () => page.locator("#forces h4:visible").allTextContents();
+    const thumb = (hand) => page.locator(`#forces [data-hand="${hand}"] [data-finger=thumb]`).textContent();
+    await until("the left hand", async () => (await page.locator("#forces .hand").count()) === 1);
+    assert.deepEqual(await names(), []);
+    send(6, contacts(2), 1);
+    await until("both", async () => (await names()).join() === "left hand,right hand");
+    assert.deepEqual([await thumb(0), await thumb(1)], ["1.00", "2.00"]);
+    assert.equal(await page.locator("#penetrations canvas").count(), 2);
+  }));
+
+test("another gateway is noticed although it has sent more bytes", () =>
+  withPlayer(async (made) => {
+    await until("hands", async () => (await made.hands()) === 2);
+    ++made.epoch;
+    await until("no hands", async () => (await made.hands()) === 0);
+    assert.equal(await made.count("#forces .hand"), 0);
+  }));
+
+test("a replaced object leaves no material", () =>
+  withPlayer(async ({ send, programs }) => {
+    for (const id of [1, 2]) send(8, object(1), id);
+    send(7, objects(1, 2));
+    await drawn();
+    const before = await programs();
+    send(8, object(5, HULL), 2);
+    await until("flat shading", async () => (await programs()) > before);
+    send(8, object(1), 2);
+    await until("as before", async () => (await programs()) === before);
+  }));
+
+test("what a dead stream showed disappears, but not while simulation or page stand still", () =>
+  withPlayer(async (made) => {
+    ++made.epoch;
+    const figures = () => made.count("#forces .hand:not(.silent)");
+    await until("no objects", async () => (await made.count("#forces .hand")) === 0);
+    await drawn();
+    const empty = await pixels();
+    const skin = Buffer.concat([
+      u32(3, 3, 1, 0),
+      f32(...[0, 1, 2].flatMap(() => [1, 0, 0, 0])),
+      Buffer.from(new Uint16Array([0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 0, 1, 2, 0]).buffer),
+    ]);
+    const nodes = (x) =>
+      Buffer.concat([stamp(), f32(x, 0.05, 0), u32(3, 0), f32(1, 0, 0, 0, 0.1, 0, 0, 0, 0.1, 0)]);
+    const joints = Array.from({ length: 26 }, (_, j) => [f32(0.004 * j, 0.1, 0.1, 0, 0, 0, 1, 0.01), u32(3)]).flat();
+    made.send(1, skin, 1);
+    made.send(14, skin, 0);
+    made.send(8, object(1), 1);
+    let [alive, pace] = [true, 1];
+    const timer = setInterval(() => {
+      made.send(10, status("hand", pace));
+      if (!alive) return;
+      made.send(2, nodes(-0.15), 1);
+      made.send(3, Buffer.concat([stamp(), u32(0, 0), ...joints]), 1);
+      made.send(6, contacts(1), 1);
+      made.send(7, objects(1));
+      made.send(15, nodes(0.1), 0);
+    }, 50);
+    const shown = async () => difference(empty, await pixels()) > 0.005 && (await figures()) === 1;
+    const stays = async () => {
+      alive = false;
+      await pause(2500);
+      await drawn(12); // the page counts at most 250 ms for a picture
+      assert.ok(await shown());
+      alive = true;
+    };
+    try {
+      await until("all", shown);
+      pace = 0;
+      await until("halted", async () => (await badge()) === "simulation halted");
+      await stays();
+      pace = 1;
+      await until("real time", () => page.locator("#pace-badge").isHidden());
+      await page.click("#pause");
+      await stays();
+      await page.click("#live");
+      alive = false;
+      await until("nothing", async () => difference(empty, await pixels()) === 0 && (await figures()) === 0);
+      alive = true;
+      await until("all again", shown);
+    } finally {
+      clearInterval(timer);
+    }
+  }));
+
+test("a refusal is shown while the panel is closed", () =>
+  withPlayer(async ({ heard, send }) => {
+    await page.click("#panel-button");
+    const shows = () => heard.filter((each) => each.readUInt16LE(6) === SHOW);
+    await until("replies are requested", () => (shows().at(-1).readUInt32LE(16) & (1 << 11)) !== 0);
+    const before = heard.length;
+    await page.keyboard.press("r");
+    const asked = await until("the message", () => heard[before]);
+    const reply = (id) => {
+      const payload = Buffer.concat([Buffer.alloc(8), u32(2, 0), text("hand", 64), text("not now", 128)]);
+      payload.writeBigUInt64LE(id);
+      return payload;
+    };
+    const id = asked.readBigUInt64LE(16);
+    send(11, reply(id + 1n)); // to another page
+    await pause(300);
+    assert.ok(await page.locator("#refused").isHidden());
+    send(11, reply(id));
+    await until("the refusal", async () => (await page.locator("#refused").textContent()) === "hand refused: not now");
+    await page.click("#panel-button");
+  }));
+
+test("invented hands and modules do not grow the page", () =>
+  withPlayer(async ({ count, hands, send }) => {
+    for (let i = 0; i < 100; ++i) send(6, contacts(1), i);
+    for (let i = 0; i < 300; ++i) send(10, status(`module ${i}`, 1, { motors: 1 }), i);
+    const last = page.locator('#modules tr[data-module="module 299"]');
+    await last.waitFor({ state: "attached" });
+    await until("the hands", async () => (await hands()) === 32);
+    assert.equal(await count("#forces .hand"), 32);
+    assert.equal(await count("#penetrations .hand"), 32);
+    for (const parts of ["#modules tbody tr", "#message option:not([value])", "#devices button", "#physics > details"])
+      assert.equal(await count(parts), 128, parts);
+    assert.deepEqual(errors, []);
+    assert.equal(await page.evaluate(() => window.softhand.counts.bad), 0);
+    await page.close();
+  }));
 
 test("a page on another machine sends messages with the token of its address", { skip }, async () => {
   const open = await gateway(0, "viewer.address=0.0.0.0", `viewer.hosts=${lan}`);

@@ -79,7 +79,7 @@ function wearHeadset() {
 }
 /** Shows the moment at two thirds of the longest time in which the thumb presses. Throws if the thumb never presses. */
 function showHeld() {
-  const [scrub, force] = ["scrub", "force-thumb"].map((id) => document.getElementById(id));
+  const [scrub, force] = ["#scrub", "[data-finger=thumb]"].map((part) => document.querySelector(part));
   const show = (at) => {
     scrub.value = String(at);
     scrub.dispatchEvent(new Event("input"));

@@ -169,3 +169,17 @@ test("a truncated file or a file with a time that is not finite is refused, and 
   }
   assert.deepEqual(look(), []);
 });
+
+test("invented objects and hands do not grow the timeline", async () => {
+  const { timeline, look } = player();
+  for (let i = 0; i < 3000; ++i) {
+    timeline.add(0, frame(OBJECT, i, i));
+    timeline.add(0, frame(NODES, i, i));
+  }
+  look();
+  timeline.open(await timeline.save().arrayBuffer());
+  assert.equal(look().filter((each) => each.startsWith(`${OBJECT}:`)).length, 1024);
+  timeline.goLive();
+  timeline.advance(0, 0);
+  assert.equal(look().filter((each) => each.startsWith(`${NODES}:`)).length, 1024);
+});

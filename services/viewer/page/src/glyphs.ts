@@ -112,11 +112,16 @@ export class Bones {
     this.joints = new THREE.InstancedMesh(new THREE.SphereGeometry(1, 14, 10), material, JOINTS);
     this.links = new THREE.InstancedMesh(new THREE.CylinderGeometry(0.6, 1, 1, 10), material, JOINTS);
     for (const mesh of [this.joints, this.links]) {
+      mesh.count = 0;
       mesh.frustumCulled = false;
       mesh.renderOrder = 2;
       this.group.add(mesh);
     }
     this.group.visible = false;
+  }
+
+  clear(): void {
+    this.joints.count = this.links.count = 0;
   }
 
   pose(skeleton: Skeleton): void {
@@ -146,6 +151,7 @@ export class Bones {
       a.add(b).multiplyScalar(0.5);
       this.links.setMatrixAt(j, matrix.compose(a, turn, size.set(0.0022, length, 0.0022)));
     });
+    this.joints.count = this.links.count = JOINTS;
     this.joints.instanceMatrix.needsUpdate = this.links.instanceMatrix.needsUpdate = true;
   }
 }

@@ -15,6 +15,7 @@ import { PromptSign } from "./prompt";
 import * as protocol from "./protocol";
 import { type Frame, Type } from "./protocol";
 import { bestQuality } from "./quality";
+import { Silence } from "./silence";
 import { Simulation } from "./simulation";
 import { type Colouring, colourMap } from "./skin";
 import { type Shown, Stage } from "./stage";
@@ -68,7 +69,9 @@ const counts = { frames: 0, bad: 0, nodes: 0, drawn: 0 };
 
 // ---- frames ----
 
-let sent = 0; // bytes, total of the gateway
+let epoch: bigint | null = null; // of the gateway
+let requested: Type[] = []; // types that the gateway sends
+const silence = new Silence();
 const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.handDescription]: (payload, instance) => stage.describeHand(instance, protocol.skinDescription(payload)),
   [Type.nodes]: (payload, instance) => {
@@ -81,7 +84,7 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
   [Type.contacts]: (payload, instance) => {
     const contacts = protocol.contacts(payload);
     stage.touch(instance, contacts);
-    panel.forces(contacts);
+    panel.forces(instance, contacts);
   },
   [Type.objects]: (payload, instance) => stage.place(instance, protocol.objects(payload).objects),
   [Type.objectDescription]: (payload, instance) => stage.describeObject(instance, protocol.objectDescription(payload)),
@@ -101,26 +104,34 @@ const apply: Record<number, (payload: DataView, instance: number) => void> = {
     const { module, choices } = protocol.choices(payload);
     if (module === "rig") simulation.offer(choices);
   },
-  [Type.reply]: (payload) => panel.reply(protocol.reply(payload)),
+  [Type.reply]: (payload) => {
+    const reply = protocol.reply(payload);
+    panel.reply(reply);
+    // Replies to other pages come too.
+    if (reply.result === 2 && !panelOpen && reply.id > firstId && reply.id <= lastId)
+      refused(`${reply.module} refused: ${reply.text}`);
+  },
   [Type.gateway]: (payload) => {
     const state = protocol.gateway(payload);
     panel.gateway(state);
-    // A smaller total means another gateway, perhaps with another scene, hands and objects. Request everything again,
-    // so that the descriptions that it has already sent come again.
-    if (state.bytes < sent) {
+    // Another gateway perhaps has another scene, hands and objects. Request everything again, so that the descriptions
+    // that it has already sent come again.
+    if (epoch !== null && state.epoch !== epoch) {
       timeline.forget();
       connection.send(protocol.show([], 0));
       subscribe();
     }
-    sent = state.bytes;
+    epoch = state.epoch;
   },
 };
 function applyFrame(frame: Frame): void {
   checked(() => apply[frame.type]?.(frame.payload, frame.instance));
+  silence.hear(frame);
 }
 /** Plots get every sample, even if the picture is drawn rarely. */
 function passFrame(frame: Frame): void {
-  if (frame.type === Type.contacts && panelOpen) checked(() => panel.plot(protocol.contacts(frame.payload)));
+  if (frame.type === Type.contacts && panelOpen)
+    checked(() => panel.plot(frame.instance, protocol.contacts(frame.payload)));
 }
 function checked(run: () => void): void {
   try {
@@ -134,7 +145,10 @@ function bad(why: string): void {
   console.warn("frame refused:", why);
 }
 
-const timeline = new Timeline(applyFrame, passFrame, () => stage.clear());
+const timeline = new Timeline(applyFrame, passFrame, () => {
+  stage.clear();
+  panel.clear();
+});
 // A page from https may open only wss sockets.
 const socketScheme = location.protocol === "https:" ? "wss" : "ws";
 // The gateway takes messages from other machines only with its token.
@@ -168,10 +182,10 @@ function subscribe(): void {
     if (shown.simulated) types.push(Type.simulated);
     if (shown.contacts || panelOpen || colouring === "pressure") types.push(Type.contacts);
     if (shown.coupling) types.push(Type.wrench);
-    // The head line and the keys of the simulation need the pace, whatever is shown.
-    types.push(Type.status, Type.choices, Type.prompt);
-    if (panelOpen) types.push(Type.reply);
+    // The head line and the keys of the simulation need the pace and the refusals, whatever is shown.
+    types.push(Type.status, Type.choices, Type.prompt, Type.reply);
   }
+  requested = types;
   connection.send(protocol.show(types, 0));
 }
 document.addEventListener("visibilitychange", subscribe);
@@ -286,8 +300,10 @@ function setTheme(to: boolean): void {
   root.dataset.theme = dark ? "dark" : "light";
   stage.setTheme(dark);
 }
-let lastId = BigInt(Math.floor(Math.random() * 2 ** 52));
+const firstId = BigInt(Math.floor(Math.random() * 2 ** 52));
+let lastId = firstId; // of the messages of this page
 function send(module: string, key: string, value: string): void {
+  refused("");
   connection.send(protocol.message(++lastId, module, key, value));
 }
 
@@ -429,6 +445,11 @@ function draw(now: number, frame?: XRFrame): void {
   const elapsed = now - last;
   last = now;
   timeline.advance(now, elapsed);
+  if (timeline.live)
+    for (const { type, instance } of silence.watch(elapsed, simulation.pace, requested)) {
+      stage.silence(type, instance);
+      if (type === Type.contacts) panel.silence(instance);
+    }
   prompts.draw(now, stage.renderer.xr.isPresenting);
   stage.adapt(elapsed);
   stage.render();
@@ -458,6 +479,7 @@ declare global {
     softhand: {
       counts: typeof counts;
       handCount: () => number;
+      programCount: () => number;
       fixResolution: (scale: number) => void;
       seek: (seconds: number) => void;
       signIsVisible: () => boolean;
@@ -467,6 +489,7 @@ declare global {
 window.softhand = {
   counts,
   handCount: () => stage.handCount,
+  programCount: () => stage.renderer.info.programs?.length ?? 0,
   fixResolution: (scale) => stage.resolution.fix(scale),
   seek: (seconds) => timeline.seekTime(seconds),
   signIsVisible: () => prompts.sign.visible,

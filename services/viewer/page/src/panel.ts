@@ -1,7 +1,10 @@
 // Figures beside the picture: one row per module, the hand's solver, and plots of the last seconds.
+import { remember } from "./bounded";
 import { type Contacts, type GatewayState, type Reply, type Status, FINGERS } from "./protocol";
 
 const PLOT_SECONDS = 10;
+export const MOST_HANDS = 32;
+export const MOST_MODULES = 128;
 /** Colours of Okabe and Ito, which most people can distinguish. */
 const FINGER_COLOURS = ["#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#7f7f7f"];
 
@@ -36,6 +39,7 @@ export function swatch(colour: string): HTMLElement {
 
 /** The quantities of a loop that computes physics, as in `softhand status`. Unfolded if the loop has a solver. */
 class Physics {
+  private readonly details = document.createElement("details");
   private readonly figures = document.createElement("dl");
   private readonly energies = document.createElement("div");
   private readonly ledger = document.createElement("dl");
@@ -43,7 +47,7 @@ class Physics {
   private energyTop = 1e-6;
 
   constructor({ module, numbers }: Status) {
-    const details = document.createElement("details");
+    const { details } = this;
     const solves = numbers.iterations > 0;
     details.open = solves;
     details.dataset.module = module;
@@ -55,6 +59,10 @@ class Physics {
     details.append(tag("summary", title), this.figures, this.energies, this.books, this.ledger);
     if (solves) element("physics").prepend(details);
     else element("physics").append(details);
+  }
+
+  remove(): void {
+    this.details.remove();
   }
 
   show(status: Status): void {
@@ -104,9 +112,9 @@ const forcesOf = (fingers: Contacts["fingers"]): number[] =>
   fingers.map(({ force }) => Math.hypot(force[0]!, force[1]!, force[2]!));
 
 class Plot {
+  readonly canvas = Object.assign(document.createElement("canvas"), { className: "plot" });
   private readonly samples: { time: number; values: number[] }[] = [];
   constructor(
-    private readonly canvas: HTMLCanvasElement,
     private readonly colours: string[],
     private readonly least: number,
   ) {}
@@ -161,27 +169,73 @@ class Plot {
   }
 }
 
-export class Panel {
-  private readonly modules = new Map<string, { row: HTMLTableRowElement; seen: number }>();
-  private readonly force: Plot;
-  private readonly penetration: Plot;
-  private readonly physics = new Map<string, Physics>();
+/** Forces and penetration of one hand. Its name is hidden while there is only one. */
+class HandFigures {
+  private readonly force = new Plot(FINGER_COLOURS, 0.5);
+  private readonly penetration = new Plot(["#0072b2"], 0.2);
+  private readonly values = FINGERS.map((finger) => {
+    const value = tag("b", "0");
+    value.dataset.finger = finger;
+    return value;
+  });
+  private readonly parts: HTMLElement[];
 
-  constructor() {
-    this.force = new Plot(element("plot-force"), FINGER_COLOURS, 0.5);
-    this.penetration = new Plot(element("plot-penetration"), ["#0072b2"], 0.2);
-    element("fingers").replaceChildren(
-      ...FINGERS.map((finger, i) => {
-        const key = document.createElement("span");
-        key.append(
-          swatch(FINGER_COLOURS[i]!),
-          `${finger} `,
-          Object.assign(document.createElement("b"), { id: `force-${finger}`, textContent: "0" }),
-        );
-        return key;
-      }),
-    );
+  constructor(instance: number) {
+    const user = Math.floor(instance / 2);
+    const name = (instance % 2 === 0 ? "left hand" : "right hand") + (user === 0 ? "" : ` of user ${user}`);
+    const keys = Object.assign(document.createElement("p"), { className: "key" });
+    FINGERS.forEach((finger, i) => {
+      const key = document.createElement("span");
+      key.append(swatch(FINGER_COLOURS[i]!), `${finger} `, this.values[i]!);
+      keys.append(key);
+    });
+    const part = (id: string, ...content: HTMLElement[]): HTMLElement => {
+      const made = Object.assign(document.createElement("div"), { className: "hand" });
+      made.dataset.hand = String(instance);
+      made.append(tag("h4", name), ...content);
+      const others = [...element(id).children] as HTMLElement[];
+      element(id).insertBefore(made, others.find((other) => Number(other.dataset.hand) > instance) ?? null);
+      return made;
+    };
+    this.parts = [part("forces", this.force.canvas, keys), part("penetrations", this.penetration.canvas)];
   }
+
+  remove(): void {
+    for (const part of this.parts) part.remove();
+  }
+
+  silence(silent: boolean): void {
+    for (const part of this.parts) part.classList.toggle("silent", silent);
+  }
+
+  show({ fingers }: Contacts): void {
+    forcesOf(fingers).forEach((force, i) => (this.values[i]!.textContent = force.toFixed(2)));
+    this.silence(false);
+  }
+
+  plot({ stamp, fingers, contacts }: Contacts): void {
+    this.force.add(stamp.sample, forcesOf(fingers));
+    this.penetration.add(stamp.sample, [
+      1000 * contacts.reduce((deepest, { penetration }) => Math.max(deepest, penetration), 0),
+    ]);
+  }
+
+  draw(): void {
+    this.force.draw();
+    this.penetration.draw();
+  }
+}
+
+interface Module {
+  row: HTMLTableRowElement;
+  option: HTMLOptionElement;
+  physics: Physics | null;
+  seen: number;
+}
+
+export class Panel {
+  private readonly modules = new Map<string, Module>();
+  private readonly hands = new Map<number, HandFigures>();
 
   status(status: Status, now: number): void {
     const { numbers, texts, lists } = status;
@@ -192,11 +246,15 @@ export class Panel {
       row.dataset.module = status.module;
       for (const field of ["module", "rate", "p50", "p99", "p999", "misses", "drops", "age"])
         row.insertCell().dataset.field = field;
-      known = { row, seen: now };
-      this.modules.set(status.module, known);
       const option = document.createElement("option");
       option.textContent = status.module;
       document.querySelector<HTMLSelectElement>("#message select")!.append(option);
+      known = { row, option, physics: null, seen: now };
+    }
+    for (const old of remember(this.modules, status.module, known, MOST_MODULES)) {
+      old.row.remove();
+      old.option.remove();
+      old.physics?.remove();
     }
     known.seen = now;
     known.row.className = "";
@@ -218,26 +276,34 @@ export class Panel {
     known.row.cells[6]!.classList.toggle("bad", texts.second_writer !== "");
     known.row.cells[6]!.title =
       texts.second_writer === "" ? "" : `refused second writer of ${texts.second_writer}`;
-    if (!this.physics.has(status.module)) {
+    if (!known.physics) {
       const { iterations, coupling_stretch, passivity_energy } = numbers;
       const quantities = [iterations, coupling_stretch, passivity_energy, lists.energies.length, lists.ledger.length];
       if (texts.second_writer === "" && quantities.every((quantity) => quantity === 0)) return;
-      this.physics.set(status.module, new Physics(status));
+      known.physics = new Physics(status);
     }
-    this.physics.get(status.module)!.show(status);
+    known.physics.show(status);
   }
 
-  /** Forces at the time of the shown picture. */
-  forces({ fingers }: Contacts): void {
-    forcesOf(fingers).forEach((force, i) => (element(`force-${FINGERS[i]!}`).textContent = force.toFixed(2)));
+  /** Forces of a hand at the time of the shown picture. */
+  forces(instance: number, contacts: Contacts): void {
+    this.hand(instance).show(contacts);
   }
 
-  /** Adds a sample to the plots. Call it for every sample in the order of time. */
-  plot({ stamp, fingers, contacts }: Contacts): void {
-    this.force.add(stamp.sample, forcesOf(fingers));
-    this.penetration.add(stamp.sample, [
-      1000 * contacts.reduce((deepest, { penetration }) => Math.max(deepest, penetration), 0),
-    ]);
+  /** Adds a sample to the plots of a hand. Call it for every sample in the order of time. */
+  plot(instance: number, contacts: Contacts): void {
+    this.hand(instance).plot(contacts);
+  }
+
+  /** The contacts of this hand come no longer. */
+  silence(instance: number): void {
+    this.hands.get(instance)?.silence(true);
+  }
+
+  /** Removes the figures of all hands. */
+  clear(): void {
+    for (const hand of this.hands.values()) hand.remove();
+    this.hands.clear();
   }
 
   reply(reply: Reply): void {
@@ -256,8 +322,13 @@ export class Panel {
   }
 
   draw(now: number): void {
-    this.force.draw();
-    this.penetration.draw();
+    for (const hand of this.hands.values()) hand.draw();
     for (const { row, seen } of this.modules.values()) if (now - seen > 1500) row.className = "silent";
+  }
+
+  private hand(instance: number): HandFigures {
+    const hand = this.hands.get(instance) ?? new HandFigures(instance);
+    remember(this.hands, instance, hand, MOST_HANDS).forEach((old) => old.remove());
+    return hand;
   }
 }

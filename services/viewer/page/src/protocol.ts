@@ -69,6 +69,10 @@ class Reader {
     this.at += 4;
     return this.view.getUint32(this.at - 4, true);
   }
+  u64(): bigint {
+    this.at += 8;
+    return this.view.getBigUint64(this.at - 8, true);
+  }
   f32(): number {
     this.at += 4;
     return finite(this.view.getFloat32(this.at - 4, true));
@@ -364,8 +368,7 @@ export interface Reply {
 }
 export function reply(payload: DataView): Reply {
   const r = new Reader(payload);
-  const id = payload.getBigUint64(0, true);
-  r.at = 8;
+  const id = r.u64();
   const result = r.u32();
   r.at += 4;
   return { id, result, module: r.text(64), text: r.text(128) };
@@ -373,6 +376,7 @@ export function reply(payload: DataView): Reply {
 
 export interface GatewayState {
   clock: number;
+  epoch: bigint; // differs for each start of a gateway
   pages: number;
   rate: number;
   bytes: number;
@@ -384,6 +388,7 @@ export function gateway(payload: DataView): GatewayState {
   const r = new Reader(payload);
   const state = {
     clock: r.f64(),
+    epoch: r.u64(),
     pages: r.u32(),
     rate: r.u32(),
     bytes: r.f64(),

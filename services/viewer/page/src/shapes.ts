@@ -1,8 +1,10 @@
 // The geometry of an object of the world, from its description.
 import * as THREE from "three";
 import { ConvexGeometry } from "three/addons/geometries/ConvexGeometry.js";
-import { toCreasedNormals } from "three/addons/utils/BufferGeometryUtils.js";
+import { creasedNormals } from "./normals";
 import { type ObjectDescription, Shape } from "./protocol";
+
+const CREASE = 0.6; // rad; edges of object files that bend more are sharp
 
 export function shapeOf({ shape, size, vertices, triangles }: ObjectDescription): THREE.BufferGeometry {
   const [x, y, z] = [size[0]!, size[1]!, size[2]!];
@@ -23,9 +25,10 @@ export function shapeOf({ shape, size, vertices, triangles }: ObjectDescription)
     }
     case Shape.file: {
       const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(vertices, 3));
-      geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
-      return toCreasedNormals(geometry, 0.6);
+      const { positions, normals } = creasedNormals(vertices, triangles, CREASE);
+      geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+      geometry.setAttribute("normal", new THREE.BufferAttribute(normals, 3));
+      return geometry;
     }
     default:
       return new THREE.PlaneGeometry(4, 4).rotateX(-Math.PI / 2);

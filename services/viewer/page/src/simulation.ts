@@ -1,7 +1,8 @@
 // Controls of the simulation itself, with effect for all viewers: halt, single steps, slow motion, start over, scene,
 // tracker, and the motors of the devices. The shown state comes from the status of the modules. Therefore all pages and
 // `softhand send` show and control the same state.
-import { element } from "./panel";
+import { remember } from "./bounded";
+import { MOST_MODULES, element } from "./panel";
 import type { Choice, Status } from "./protocol";
 
 const PACES: [number, string][] = [
@@ -13,9 +14,10 @@ const PACES: [number, string][] = [
 ];
 
 export class Simulation {
-  private pace = 1;
+  pace = 1; // 0: halted
   private running = 1; // pace to which a halted simulation returns
   private handRate = 90; // Hz
+  private readonly devices = new Map<string, HTMLElement>();
 
   constructor(private readonly send: (module: string, key: string, value: string) => void) {
     const select = element<HTMLSelectElement>("pace");
@@ -91,23 +93,20 @@ export class Simulation {
   }
 
   private device(module: string, on: boolean): void {
-    const id = `motors-${module}`;
-    let button = document.getElementById(id);
+    let button = this.devices.get(module);
     if (!button) {
-      button = Object.assign(document.createElement("button"), {
-        id,
+      const created = Object.assign(document.createElement("button"), {
+        id: `motors-${module}`,
         textContent: `${module} motors`,
         title: "Send commands to this device",
       });
-      button.onclick = () =>
-        this.send(
-          module,
-          "motors",
-          document.getElementById(id)!.getAttribute("aria-pressed") === "true" ? "off" : "on",
-        );
-      element("devices").append(button);
+      created.onclick = () =>
+        this.send(module, "motors", created.getAttribute("aria-pressed") === "true" ? "off" : "on");
+      element("devices").append(created);
       element("devices").hidden = false;
+      button = created;
     }
+    remember(this.devices, module, button, MOST_MODULES).forEach((old) => old.remove());
     button.setAttribute("aria-pressed", String(on));
   }
 }

@@ -3,7 +3,9 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";
+import { remember } from "./bounded";
 import { type SkeletonKind, Arrows, Bones, COUPLING_COLOUR, FORCE_COLOUR } from "./glyphs";
+import { MOST_HANDS } from "./panel";
 import {
   type Bone,
   type Contact,
@@ -16,6 +18,7 @@ import {
   BONES,
   FIRST_SOFT_OBJECT,
   Shape,
+  Type,
 } from "./protocol";
 import { type Quality, Resolution } from "./quality";
 import { shapeOf } from "./shapes";
@@ -64,6 +67,7 @@ export class Stage {
   private shown: Shown;
   private readonly sideDirection = new THREE.Vector3(1, 0, 0); // horizontal, to the right on the screen
   private framed = false;
+  private light: THREE.WebGLRenderTarget | null = null; // of the room
   private free = { left: 0, top: 0, right: 0, bottom: 0 };
   readonly resolution: Resolution;
   colouring: Colouring = "skin";
@@ -178,34 +182,60 @@ export class Stage {
 
   /** Removes all hands and objects. */
   clear(): void {
-    for (const hand of this.hands.values()) {
-      const groups = [
-        ...Object.values(hand.bones),
-        hand.contactArrows,
-        hand.fingerArrows,
-        hand.couplingArrows,
-      ].map(({ group }) => group);
-      this.scene.remove(hand.points, ...groups);
-      for (const mesh of [
-        hand.points,
-        ...groups.flatMap(({ children }) => children as THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>[]),
-      ]) {
-        mesh.geometry.dispose();
-        mesh.material.dispose();
-        mesh.dispose();
-      }
-      if (!hand.skin) continue;
-      this.scene.remove(hand.skin.mesh);
-      hand.skin.dispose();
-    }
+    for (const hand of this.hands.values()) this.removeHand(hand);
     this.hands.clear();
-    for (const { mesh } of this.objects.values()) {
-      this.scene.remove(mesh);
-      mesh.geometry.dispose();
-      (mesh.material as THREE.Material).dispose();
-    }
-    this.objects.clear();
+    for (const id of [...this.objects.keys()]) this.removeObject(id);
     for (const instance of [...this.softObjects.keys()]) this.removeSoftObject(instance);
+  }
+
+  private removeHand(hand: Hand): void {
+    const groups = [
+      ...Object.values(hand.bones),
+      hand.contactArrows,
+      hand.fingerArrows,
+      hand.couplingArrows,
+    ].map(({ group }) => group);
+    this.scene.remove(hand.points, ...groups);
+    for (const mesh of [
+      hand.points,
+      ...groups.flatMap(({ children }) => children as THREE.InstancedMesh<THREE.BufferGeometry, THREE.Material>[]),
+    ]) {
+      mesh.geometry.dispose();
+      mesh.material.dispose();
+      mesh.dispose();
+    }
+    if (!hand.skin) return;
+    this.scene.remove(hand.skin.mesh);
+    hand.skin.dispose();
+  }
+
+  private removeObject(id: number): void {
+    const object = this.objects.get(id);
+    if (!object) return;
+    this.scene.remove(object.mesh);
+    object.mesh.geometry.dispose();
+    (object.mesh.material as THREE.Material).dispose();
+    this.objects.delete(id);
+  }
+
+  /** Hides what an ended stream showed, until its next frame. */
+  silence(type: Type, instance: number): void {
+    // The floor stays, because the table below which it lies is only not known now.
+    if (type === Type.objects)
+      for (const { mesh } of this.objects.values())
+        if (mesh.userData.world === instance) mesh.userData.world = undefined;
+    const soft = type === Type.softNodes && this.softObjects.get(instance);
+    if (soft) soft.nodes = null;
+    const hand = this.hands.get(instance);
+    if (hand) {
+      if (type === Type.nodes) hand.nodes = null;
+      if (type === Type.tracked) hand.bones.tracked.clear();
+      if (type === Type.intermediate) hand.bones.intermediate.clear();
+      if (type === Type.simulated) hand.bones.simulated.clear();
+      if (type === Type.contacts) this.touch(instance, { contacts: [], fingers: [] });
+      if (type === Type.wrench) this.couple(instance, false, []);
+    }
+    this.applyShown();
   }
 
   describeHand(instance: number, description: SkinDescription): void {
@@ -237,7 +267,7 @@ export class Stage {
     if (skeleton.frame === 0) this.hand(instance).bones[kind].pose(skeleton);
   }
 
-  touch(instance: number, contacts: Contacts): void {
+  touch(instance: number, contacts: Omit<Contacts, "stamp">): void {
     const hand = this.hand(instance);
     hand.skin?.press(contacts.contacts);
     hand.contacts = contacts.contacts;
@@ -270,11 +300,7 @@ export class Stage {
 
   describeObject(id: number, description: ObjectDescription): void {
     const old = this.objects.get(id);
-    if (old) {
-      this.scene.remove(old.mesh);
-      old.mesh.geometry.dispose();
-      this.objects.delete(id);
-    }
+    this.removeObject(id);
     if (description.removed) return;
     const colour = description.isStatic ? this.staticColour : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
     const mesh = new THREE.Mesh(
@@ -441,9 +467,12 @@ export class Stage {
   }
 
   private hand(instance: number): Hand {
-    let hand = this.hands.get(instance);
-    if (hand) return hand;
-    hand = {
+    const known = this.hands.get(instance);
+    if (known) {
+      remember(this.hands, instance, known, MOST_HANDS);
+      return known;
+    }
+    const hand: Hand = {
       skin: null,
       nodes: null,
       contacts: [],
@@ -465,7 +494,7 @@ export class Stage {
     hand.points.count = 0;
     hand.points.frustumCulled = false;
     hand.points.renderOrder = 3;
-    this.hands.set(instance, hand);
+    remember(this.hands, instance, hand, MOST_HANDS).forEach((old) => this.removeHand(old));
     this.scene.add(...Object.values(hand.bones).map((bones) => bones.group));
     this.scene.add(hand.contactArrows.group, hand.fingerArrows.group, hand.couplingArrows.group, hand.points);
     this.applyShown();
@@ -474,7 +503,11 @@ export class Stage {
 
   private lightRoom(): void {
     const generator = new THREE.PMREMGenerator(this.renderer);
-    this.scene.environment = generator.fromScene(new RoomEnvironment(), 0.04).texture;
+    const room = new RoomEnvironment();
+    this.light?.dispose();
+    this.light = generator.fromScene(room, 0.04);
+    this.scene.environment = this.light.texture;
+    room.dispose();
     generator.dispose();
   }
 

@@ -1,9 +1,11 @@
 // The frames of the last seconds, kept in the page. The picture can be paused, stepped, slowed down, saved and opened
 // again, while the simulation continues.
+import { remember } from "./bounded";
 import { type Frame, Type, split } from "./protocol";
 
 const KEPT_SECONDS = 15;
 const LOOK_BACK = 600; // frames; within them every stream has a frame
+const MOST_STREAMS = 1024;
 
 interface Entry {
   time: number; // ms, arrival
@@ -41,16 +43,16 @@ export class Timeline {
 
   add(time: number, frame: Frame): void {
     const description = DESCRIPTIONS.has(frame.type);
-    if (description) this.descriptions.set(key(frame), frame);
+    if (description) remember(this.descriptions, key(frame), frame, MOST_STREAMS);
     // The page's buttons act on modules. Therefore their present state is always applied, whatever the picture shows.
     if (PRESENT.has(frame.type) || (description && !this.opened && !this.stale)) this.apply(frame);
     if (description || PRESENT.has(frame.type)) return;
-    this.newest.set(key(frame), { time, frame });
+    remember(this.newest, key(frame), { time, frame }, MOST_STREAMS);
     if (this.opened || this.stale) return;
     // A picture may be paused for hours. Of the frames long after it only the newest are kept, for the time when it
     // continues.
     if (this.paused && time > this.clock + KEPT_SECONDS * 1000) {
-      this.missed.set(key(frame), { time, frame });
+      remember(this.missed, key(frame), { time, frame }, MOST_STREAMS);
       return;
     }
     this.catchUp();
