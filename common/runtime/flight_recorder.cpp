@@ -1,5 +1,7 @@
 #include "runtime/flight_recorder.hpp"
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -8,6 +10,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "runtime/own_folder.hpp"
 #include "runtime/record_file.hpp"
 #include "runtime/scheduling.hpp"
 
@@ -113,7 +116,13 @@ void FlightRecorder::write_files() {
 void FlightRecorder::write_file() {
   try {
     namespace fs = std::filesystem;
-    fs::create_directories(place_.folder);
+    fs::path folder = place_.folder;
+    if (folder.empty()) {
+      folder = fs::temp_directory_path() / ("softhand-" + std::to_string(getuid()));
+      make_own_folder(folder.string());
+      folder /= "flight";
+    }
+    fs::create_directories(folder);
     std::array<char, 32> when{};
     const std::time_t seconds = std::time(nullptr);
     std::tm utc{};
@@ -121,11 +130,11 @@ void FlightRecorder::write_file() {
     std::strftime(when.data(), when.size(), "%Y%m%dT%H%M%SZ", &utc);
     const std::string name =
         place_.module + "-" + when.data() + "-" + std::to_string(getpid()) + "-" + std::to_string(++files_) + ".flight";
-    const fs::path path = fs::path(place_.folder) / name;
+    const fs::path path = folder / name;
     // Readers of the folder see complete files only.
     const fs::path unfinished = path.string() + ".part";
     {
-      RecordWriter file(unfinished.string());
+      RecordWriter file(unfinished.string(), RecordWriter::Existing::refuse);
       const std::uint16_t header_channel = file.add_channel({kFlightHeaderTopic, "json", "", "", ""});
       const std::uint16_t record_channel = file.add_channel({kFlightRecordTopic, "softhand-flight", "", "", ""});
       auto header = nlohmann::ordered_json::parse(header_);

@@ -32,7 +32,8 @@ class FlightRecorder {
  public:
   struct Place {
     std::string module;  ///< begins the file names
-    std::string folder;  ///< for the files; made when the first file is written
+    std::string folder;  ///< for the files; made when one is written. Empty: a folder of this user in that of temporary
+                         ///< files
   };
   /// Allocates the memory and starts the writing thread. `header` is JSON text without the reason.
   FlightRecorder(const FlightOptions& options, Place place, std::string header);

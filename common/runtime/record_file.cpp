@@ -58,8 +58,11 @@ struct Cursor {
 
 }  // namespace
 
-RecordWriter::RecordWriter(const std::string& path)
-    : path_(path), file_(open(path.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644)) {
+RecordWriter::RecordWriter(const std::string& path, Existing existing)
+    : path_(path),
+      file_(open(path.c_str(),
+                 O_WRONLY | O_CREAT | O_CLOEXEC | (existing == Existing::refuse ? O_EXCL | O_NOFOLLOW : O_TRUNC),
+                 0644)) {
   if (file_ < 0) throw std::runtime_error(path_ + ": cannot be written: " + std::strerror(errno));
   put_bytes(kMagic.data(), kMagic.size());
   begin_record(kHeader);
@@ -215,23 +218,19 @@ bool RecordReader::next(RecordedMessage& message) {
         schema.encoding = cursor.take_text();
         schema.text = cursor.take_text();
         if (!cursor.good || id == 0) refuse("broken schema");
-        schemas_[id] = std::move(schema);
+        schemas_[id] = std::make_shared<const Schema>(std::move(schema));
         break;
       }
       case kChannel: {
         const auto id = cursor.take<std::uint16_t>();
         const auto schema_id = cursor.take<std::uint16_t>();
-        RecordChannel channel;
+        Channel channel;
         channel.topic = cursor.take_text();
         channel.message_encoding = cursor.take_text();
         if (!cursor.good) refuse("broken channel");
-        if (schema_id != 0) {
-          const auto schema = schemas_.find(schema_id);
-          if (schema == schemas_.end()) refuse("channel of an unknown schema");
-          channel.schema_name = schema->second.name;
-          channel.schema_encoding = schema->second.encoding;
-          channel.schema_text = schema->second.text;
-        }
+        const auto schema = schemas_.find(schema_id);
+        if (schema == schemas_.end()) refuse("channel of an unknown schema");
+        channel.schema = schema->second;
         channels_[id] = std::move(channel);
         break;
       }

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <fstream>
 #include <map>
+#include <memory>
 #include <span>
 #include <string>
 #include <vector>
@@ -22,14 +23,14 @@ struct RecordChannel {
   std::string schema_name;       ///< type of the payload; empty = no schema
   std::string schema_encoding;   ///< e.g. omgidl
   std::string schema_text;
-  bool operator==(const RecordChannel&) const = default;
 };
 
 /// Each call writes through to the kernel. Errors throw std::runtime_error with file and reason.
 class RecordWriter {
  public:
-  /// Creates the file, or truncates an existing file.
-  explicit RecordWriter(const std::string& path);
+  enum class Existing { truncate, refuse };
+  /// Creates the file. `refuse`: anything that has this name already is an error, also a link.
+  explicit RecordWriter(const std::string& path, Existing existing = Existing::truncate);
   /// Calls `finish` but ignores its errors. Call `finish` first if errors matter.
   ~RecordWriter();
   RecordWriter(const RecordWriter&) = delete;
@@ -67,6 +68,14 @@ struct RecordedMessage {
 
 class RecordReader {
  public:
+  struct Schema {
+    std::string name, encoding, text;
+  };
+  struct Channel {
+    std::string topic, message_encoding;
+    std::shared_ptr<const Schema> schema;  ///< never null. Shared: a file may have 65535 channels of a large schema
+  };
+
   /// Throws std::runtime_error if the file cannot be read or is not MCAP.
   explicit RecordReader(const std::string& path);
   /// Reads the next message in file order. Returns false at the end. Throws std::runtime_error if a record is
@@ -75,7 +84,7 @@ class RecordReader {
   /// After `next` returned false: true if the file was not finished.
   bool truncated() const { return truncated_; }
   /// Channels read so far, by number. The channel of a message is known when `next` returns the message.
-  const std::map<std::uint16_t, RecordChannel>& channels() const { return channels_; }
+  const std::map<std::uint16_t, Channel>& channels() const { return channels_; }
 
  private:
   [[noreturn]] void refuse(const std::string& reason) const;
@@ -86,11 +95,9 @@ class RecordReader {
   std::uint64_t offset_ = 0;
   bool ended_ = false;
   bool truncated_ = false;
-  struct Schema {
-    std::string name, encoding, text;
-  };
-  std::map<std::uint16_t, Schema> schemas_;
-  std::map<std::uint16_t, RecordChannel> channels_;
+  // A channel without a schema has the number 0 in its place.
+  std::map<std::uint16_t, std::shared_ptr<const Schema>> schemas_{{0, std::make_shared<const Schema>()}};
+  std::map<std::uint16_t, Channel> channels_;
   std::vector<std::byte> record_;
 };
 

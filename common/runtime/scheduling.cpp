@@ -33,8 +33,19 @@ std::vector<std::string> lock_memory() {
   }
   pthread_attr_destroy(&attributes);
 #endif
-  if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {
-    warnings.push_back(std::string("memory is not locked (") + std::strerror(errno) + "): steps may wait for pages");
+  // Under a finite limit this lock may succeed, and a later allocation then fails. With the limit 0 it succeeds only
+  // for a process that needs no limit.
+  rlimit limit{};
+  getrlimit(RLIMIT_MEMLOCK, &limit);
+  const bool is_finite = limit.rlim_cur != RLIM_INFINITY;
+  const rlimit none{0, limit.rlim_max};
+  if (is_finite) setrlimit(RLIMIT_MEMLOCK, &none);
+  const int error = mlockall(MCL_CURRENT | MCL_FUTURE) == 0 ? 0 : errno;
+  if (is_finite) setrlimit(RLIMIT_MEMLOCK, &limit);
+  if (error != 0) {
+    warnings.push_back(std::string("memory is not locked (") +
+                       (is_finite ? "the memlock limit is finite" : std::strerror(error)) +
+                       "): steps may wait for pages");
   }
   return warnings;
 }

@@ -9,8 +9,9 @@
 
 namespace softhand {
 
-/// Locks the memory of the process. Threads that are started later get stacks of 1 MiB. Returns one warning with the
-/// reason for each request that the system refused.
+/// Locks the memory of the process, if the system sets no limit to it. Threads that are started later get stacks of
+/// 1 MiB. Returns one warning with the reason for each request that the system refused. Call it before other threads
+/// start.
 std::vector<std::string> lock_memory();
 
 /// Threads that the calling thread starts from now on get a niceness of -15, until `request_real_time`. This is for the

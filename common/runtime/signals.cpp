@@ -1,8 +1,5 @@
 #include "runtime/signals.hpp"
 
-#include <sys/prctl.h>
-#include <unistd.h>
-
 namespace softhand {
 namespace {
 
@@ -24,20 +21,18 @@ StopSignal::StopSignal() {
   // makes the process ignore SIGHUP.
   sigaction(SIGHUP, nullptr, &former_hang_up_);
   if (former_hang_up_.sa_handler != SIG_IGN) sigaction(SIGHUP, &action, nullptr);
+  // Whoever reads the output may end first, for example the supervisor, or `tee` after Ctrl-C.
+  action.sa_handler = SIG_IGN;
+  sigaction(SIGPIPE, &action, &former_pipe_);
 }
 
 StopSignal::~StopSignal() {
   sigaction(SIGINT, &former_interrupt_, nullptr);
   sigaction(SIGTERM, &former_terminate_, nullptr);
   sigaction(SIGHUP, &former_hang_up_, nullptr);
+  sigaction(SIGPIPE, &former_pipe_, nullptr);
 }
 
 const std::atomic<bool>& StopSignal::flag() const { return stop_requested; }
-
-bool stop_with_parent() {
-  // The parent may end before the request takes effect. Then the parent id changes (to init or a subreaper).
-  const pid_t parent = getppid();
-  return prctl(PR_SET_PDEATHSIG, SIGTERM) == 0 && getppid() == parent && parent != 1;
-}
 
 }  // namespace softhand

@@ -7,8 +7,9 @@
 namespace softhand {
 
 /// While an object of this class lives, SIGINT, SIGTERM and SIGHUP set a flag and do not end the process. An ignored
-/// SIGHUP stays ignored. The destructor restores the previous handlers. Only one object may exist in a process at a
-/// time. Signals from before the construction are forgotten.
+/// SIGHUP stays ignored. SIGPIPE is ignored, so that a write without a reader is an error. The destructor restores the
+/// previous handlers. Only one object may exist in a process at a time. Signals from before the construction are
+/// forgotten.
 class StopSignal {
  public:
   StopSignal();
@@ -24,10 +25,7 @@ class StopSignal {
   struct sigaction former_interrupt_ {};
   struct sigaction former_terminate_ {};
   struct sigaction former_hang_up_ {};
+  struct sigaction former_pipe_ {};
 };
-
-/// Makes the kernel send SIGTERM to this process when its parent ends, so a killed supervisor leaves no orphans.
-/// Returns false if the kernel refuses or if the parent is already gone.
-bool stop_with_parent();
 
 }  // namespace softhand

@@ -1,6 +1,7 @@
 #include "cli/rig.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <filesystem>
 #include <iterator>
 #include <set>
@@ -50,6 +51,9 @@ RigOptions read_rig(const std::string& path) {
       throw ConfigError(path + ": process: name '" + process.name + "': expected 1 to 63 characters");
     if (process.choice.size() >= sizeof(ShortText))
       throw ConfigError(path + ": process: choice '" + process.choice + "': expected at most 63 characters");
+    // `choose` separates choices by spaces.
+    if (std::any_of(process.choice.begin(), process.choice.end(), [](unsigned char c) { return std::isspace(c); }))
+      throw ConfigError(path + ": process: choice '" + process.choice + "': expected no spaces");
   }
   std::set<std::pair<std::string, std::string>> known;
   for (const RigProcess& process : rig.processes) {
@@ -59,9 +63,15 @@ RigOptions read_rig(const std::string& path) {
       throw ConfigError(path + ": process: several processes have the name '" + process.name +
                         "'; expected a different choice for each");
   }
+  // If several choices have the same name, the last one applies.
   for (const std::string& choice : words(rig.choose)) {
-    const auto is_it = [&choice](const RigProcess& process) { return process.choice == choice; };
-    if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it))
+    bool is_known = false;
+    for (const RigProcess& process : rig.processes) {
+      if (process.choice != choice) continue;
+      rig.chosen[process.name] = choice;
+      is_known = true;
+    }
+    if (!is_known)
       throw ConfigError(path + ": choose: no process has the choice '" + choice +
                         "'; expected the choice of a process");
   }
@@ -80,7 +90,7 @@ bool choose(RigOptions& rig, const std::string& name, const std::string& choice)
     return process.name == name && process.choice == choice && !choice.empty();
   };
   if (std::none_of(rig.processes.begin(), rig.processes.end(), is_it)) return false;
-  rig.choose += " " + choice;
+  rig.chosen[name] = choice;
   return true;
 }
 
@@ -88,16 +98,12 @@ std::vector<RigProcess> chosen_processes(const RigOptions& rig) {
   std::vector<RigProcess> chosen;
   for (const RigProcess& process : rig.processes) {
     const auto same_name = [&process](const RigProcess& other) { return other.name == process.name; };
-    if (std::none_of(chosen.begin(), chosen.end(), same_name)) chosen.push_back(process);
-  }
-  // If several choices have the same name, the last one applies.
-  for (const std::string& choice : words(rig.choose)) {
-    for (const RigProcess& process : rig.processes) {
-      if (process.choice != choice) continue;
-      std::replace_if(
-          chosen.begin(), chosen.end(), [&process](const RigProcess& other) { return other.name == process.name; },
-          process);
-    }
+    const auto known = std::find_if(chosen.begin(), chosen.end(), same_name);
+    const auto wanted = rig.chosen.find(process.name);
+    if (known == chosen.end())
+      chosen.push_back(process);
+    else if (wanted != rig.chosen.end() && wanted->second == process.choice)
+      *known = process;
   }
   return chosen;
 }

@@ -1,6 +1,7 @@
 // A rig: which processes run together, and in which order they start.
 #pragma once
 
+#include <map>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -24,7 +25,7 @@ inline void describe(OptionVisitor& v, RigProcess& o) {
            "Log prefix, and the module name under which the process publishes loop_status. At most 63 characters.");
   v.string("choice", o.choice,
            "Distinguishes processes of the same name. Only one of them runs: the first, or the one named in `choose`. "
-           "Empty = the only process of its name. At most 63 characters.");
+           "Empty = the only process of its name. At most 63 characters, without spaces.");
   v.string("program", o.program, "Program: a file in the folder of softhand, or a path.");
   v.string("arguments", o.arguments,
            "Arguments, separated by spaces. {scene} is replaced by the path of the rig's scene file.");
@@ -47,6 +48,7 @@ struct RigOptions {
   std::string scene;
   std::string choose;
   std::vector<RigProcess> processes;
+  std::map<std::string, std::string> chosen;  ///< choice by process name, from `choose` and from messages
 };
 inline void describe(OptionVisitor& v, RigOptions& o) {
   v.string("name", o.name,

@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <sys/file.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include <array>
@@ -13,13 +12,10 @@
 #include <sstream>
 #include <stdexcept>
 
+#include "runtime/own_folder.hpp"
+
 namespace softhand {
 namespace {
-
-bool is_own_folder(const std::string& path) {
-  struct stat found {};
-  return lstat(path.c_str(), &found) == 0 && S_ISDIR(found.st_mode) && found.st_uid == getuid();
-}
 
 // The variable may name a folder of another user (sudo) or none at all (containers).
 std::string folder() {
@@ -29,7 +25,7 @@ std::string folder() {
 }
 
 [[noreturn]] void fail(const std::string& path, const char* reason) {
-  throw std::runtime_error(path + ": " + reason + "; expected a folder of this user for the lock of the rig");
+  throw std::runtime_error(path + ": " + reason + "; expected a file of this user for the lock of the rig");
 }
 
 }  // namespace
@@ -45,9 +41,7 @@ RigHolder this_process(const std::string& rig) {
 }
 
 RigLock::RigLock(int domain) : path_(folder()) {
-  // Anybody can make a folder in /tmp.
-  if (mkdir(path_.c_str(), 0700) != 0 && errno != EEXIST) fail(path_, std::strerror(errno));
-  if (!is_own_folder(path_)) fail(path_, "not a folder of this user");
+  make_own_folder(path_);
   path_ += "/rig-" + std::to_string(domain) + ".lock";
   file_ = open(path_.c_str(), O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
   if (file_ < 0) fail(path_, std::strerror(errno));

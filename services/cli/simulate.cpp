@@ -28,8 +28,8 @@ using Json = nlohmann::ordered_json;
 // Selected signals, one row per step of the hand. Columns: docs/outcome.md.
 class SignalFile {
  public:
-  explicit SignalFile(const std::string& path) : out_(path) {
-    if (!out_) throw std::runtime_error(path + ": cannot be written");
+  explicit SignalFile(const std::string& path) : path_(path), out_(path) {
+    if (!out_) throw std::runtime_error(path_ + ": cannot be written");
     out_ << "t_s,residual_n,iterations,work,status,contacts";
     for (std::size_t f = 0; f < kFingerCount; ++f) out_ << ',' << kFingerNames[f] << "_force_n";
     for (const char* joint : {"thumb_tip", "index_tip", "palm"})
@@ -60,8 +60,13 @@ class SignalFile {
     }
     out_ << fmt::format(",{:.4f}\n", deepest * 1e3);
   }
+  void finish() {
+    out_.flush();
+    if (!out_) throw std::runtime_error(path_ + ": cannot be written");
+  }
 
  private:
+  std::string path_;
   std::ofstream out_;
 };
 
@@ -109,6 +114,9 @@ int run_simulate(const SimulateArguments& arguments) {
 
   double seconds = arguments.seconds > 0 ? arguments.seconds : scene.options.simulate.seconds;
   if (seconds <= 0) seconds = motion->duration() - scene.options.tracker.start_time + 0.5;
+  std::ofstream summary;  // a run may take long, so a wrong path is found before it
+  if (!arguments.json.empty()) summary.open(arguments.json);
+  if (!summary) throw std::runtime_error(arguments.json + ": cannot be written");
   std::optional<SignalFile> signals;
   if (!arguments.csv.empty()) signals.emplace(arguments.csv);
   const auto started = std::chrono::steady_clock::now();
@@ -137,6 +145,7 @@ int run_simulate(const SimulateArguments& arguments) {
       soft->on_contacts(view.output->contacts);
     }
   });
+  if (signals) signals->finish();
   skin.end(rig.hand().simulation());
   const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
 
@@ -209,15 +218,15 @@ int run_simulate(const SimulateArguments& arguments) {
   }
   // Wall-clock figures are separate, because they differ from run to run. All figures above are the same in every run.
   json["wall"] = {{"elapsed_s", elapsed}, {"hand_step", timing_split(rig.hand_timings())}};
-  const std::string text = json.dump(2) + "\n";
+  // A path may be any bytes.
+  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   if (arguments.json.empty()) {
     fmt::print("{}", text);
     return 0;
   }
-  std::ofstream out(arguments.json);
-  out << text;
-  out.flush();
-  if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
+  summary << text;
+  summary.flush();
+  if (!summary) throw std::runtime_error(arguments.json + ": cannot be written");
   return 0;
 }
 

@@ -78,7 +78,7 @@ int run_status(const StatusArguments& arguments) {
     if (table.refused() > 0)
       fmt::print(arguments.json ? stderr : stdout, "{} statuses of further modules refused: only {} modules fit\n",
                  table.refused(), table.kMost);
-    std::fflush(stdout);
+    if (std::fflush(stdout) != 0) return 1;  // nobody reads: SIGPIPE is ignored
     if (snapshot) return modules.empty() ? 1 : 0;
   }
   return 0;

@@ -29,12 +29,20 @@ constexpr milliseconds kMercy{500};             // from SIGTERM to SIGKILL for a
 constexpr milliseconds kLongestPoll{100};       // a longer pause is the caller's, and no silence of the children
 constexpr unsigned kGuardGrace = 3;             // s, from the end of the supervisor to SIGKILL
 constexpr int kMostRounds = 100;                // of 10 ms, in which a guard waits for the end of orphans
+constexpr milliseconds kGuardEnd{1500};         // from kStopNow to the end of a guard, which ends orphans meanwhile
+constexpr milliseconds kKilled{500};            // from SIGKILL to the end of a process
+constexpr std::size_t kMostOutput = 65536;      // B, of one child before the others have their turn: a full pipe
+constexpr std::size_t kLongestLine = 4096;      // B; a longer one is passed on in parts
 constexpr int kStopNow = SIGUSR2;               // from the supervisor to a guard: SIGKILL for the child
 constexpr int kSupervisorGone = SIGUSR1;        // from the kernel to a guard
 
 std::string how_it_ended(int status) {
   if (WIFSIGNALED(status)) return "killed by signal " + std::to_string(WTERMSIG(status));
   return "exit code " + std::to_string(WEXITSTATUS(status));
+}
+
+milliseconds longer(milliseconds backoff) {
+  return backoff.count() == 0 ? kFirstBackoff : std::min(2 * backoff, kLongestBackoff);
 }
 
 }  // namespace
@@ -69,6 +77,9 @@ namespace {
 [[noreturn]] void become(char* const* command, pid_t guard, int output, const sigset_t& signals) {
   signal(SIGINT, SIG_DFL);
   signal(SIGTERM, SIG_DFL);
+  // A device prints while it stops. It must not die of that before it has sent zero commands, when the supervisor is
+  // gone.
+  signal(SIGPIPE, SIG_IGN);
   pthread_sigmask(SIG_SETMASK, &signals, nullptr);
   // The child dies when its guard dies for any reason. It is in the process group of the guard, so that Ctrl-C reaches
   // only the supervisor, which stops the children in order.
@@ -153,6 +164,7 @@ void end_orphans() {
 [[noreturn]] void guard(char* const* command, pid_t supervisor, int output, int report, const sigset_t& signals,
                         bool may_stop) {
   setpgid(0, 0);
+  signal(SIGCHLD, SIG_DFL);
   prctl(PR_SET_NAME, "softhand-guard");
   prctl(PR_SET_CHILD_SUBREAPER, 1);
   prctl(PR_SET_PDEATHSIG, kSupervisorGone);
@@ -196,9 +208,20 @@ void end_orphans() {
   }
 }
 
+// Waits for the end of a child of this process, and reaps it.
+bool ends_within(pid_t process, milliseconds longest) {
+  const auto deadline = Supervisor::Clock::now() + longest;
+  for (;;) {
+    if (waitpid(process, nullptr, WNOHANG) != 0) return true;
+    if (Supervisor::Clock::now() >= deadline) return false;
+    usleep(5000);
+  }
+}
+
 }  // namespace
 
-Supervisor::Supervisor(LogLine log) : log_(std::move(log)) {}
+// A program that ignores SIGCHLD passes this on. The kernel would then hide how children end.
+Supervisor::Supervisor(LogLine log) : log_(std::move(log)) { signal(SIGCHLD, SIG_DFL); }
 
 Supervisor::~Supervisor() { stop(); }
 
@@ -241,7 +264,8 @@ void Supervisor::launch(Child& child) {
   close(report[0]);
   if (!started) {
     close(ends[0]);
-    if (own_guard > 0) waitpid(own_guard, nullptr, 0);
+    if (own_guard > 0) kill(own_guard, SIGKILL);
+    while (own_guard > 0 && waitpid(own_guard, nullptr, 0) < 0 && errno == EINTR) continue;
     throw std::runtime_error(child.spec.name + ": cannot fork: " + std::strerror(own_guard < 0 ? error : EAGAIN));
   }
   fcntl(ends[0], F_SETFL, O_NONBLOCK);
@@ -254,7 +278,7 @@ void Supervisor::launch(Child& child) {
 
 void Supervisor::read_output(Child& child) {
   char buffer[4096];
-  for (;;) {
+  for (std::size_t total = 0; total < kMostOutput;) {
     const ssize_t count = read(child.output, buffer, sizeof buffer);
     if (count <= 0) {
       if (count == 0) {
@@ -263,11 +287,13 @@ void Supervisor::read_output(Child& child) {
       }
       return;
     }
+    total += static_cast<std::size_t>(count);
     child.partial_line.append(buffer, static_cast<std::size_t>(count));
     for (std::size_t end; (end = child.partial_line.find('\n')) != std::string::npos;) {
       log_(child.spec.name, child.partial_line.substr(0, end));
       child.partial_line.erase(0, end + 1);
     }
+    if (child.partial_line.size() > kLongestLine) log_(child.spec.name, std::exchange(child.partial_line, {}));
   }
 }
 
@@ -285,7 +311,11 @@ void Supervisor::reap() {
   for (auto& child : children_) {
     if (child->pid < 0) continue;
     int status = 0;
-    if (waitpid(child->guard, &status, WNOHANG) != child->guard) continue;
+    if (waitpid(child->guard, &status, WNOHANG | WUNTRACED) != child->guard) continue;
+    if (WIFSTOPPED(status)) {  // for example its whole group. It must see that a device has stopped
+      kill(child->guard, SIGCONT);
+      continue;
+    }
     bury(*child);
     if (stopping_) {
       if (status != 0) log_(child->spec.name, "stopped, " + how_it_ended(status));
@@ -298,8 +328,7 @@ void Supervisor::reap() {
     }
     child->backoff = now - child->started >= kCleanSlate ? milliseconds(0)
                      : child->restarts == 0              ? milliseconds(0)
-                     : child->backoff.count() == 0       ? kFirstBackoff
-                                                         : std::min(2 * child->backoff, kLongestBackoff);
+                                                         : longer(child->backoff);
     log_(child->spec.name, how_it_ended(status) + "; restarts in " + std::to_string(child->backoff.count()) + " ms");
     child->restart_at = Clock::now() + child->backoff;  // after the line: a restart never comes earlier than it says
   }
@@ -355,9 +384,15 @@ void Supervisor::poll(std::chrono::milliseconds timeout) {
   reap();
   end_silent_children();
   for (auto& child : children_) {
-    if (child->pid < 0 && !stopping_ && !child->gave_up && Clock::now() >= child->restart_at) {
-      ++child->restarts;
+    if (child->pid >= 0 || stopping_ || child->gave_up || Clock::now() < child->restart_at) continue;
+    try {
       launch(*child);
+      ++child->restarts;
+    } catch (const std::exception& error) {  // the machine may have free files and processes again later
+      child->backoff = longer(child->backoff);
+      log_(child->spec.name,
+           std::string(error.what()) + "; restarts in " + std::to_string(child->backoff.count()) + " ms");
+      child->restart_at = Clock::now() + child->backoff;
     }
   }
 }
@@ -397,8 +432,14 @@ bool Supervisor::stop_together(const std::vector<Child*>& children, std::chrono:
     if (!runs(child)) continue;
     clean = false;
     log_(child->spec.name, "did not stop in time; killing it");
+    kill(-child->guard, SIGCONT);  // a stopped guard would do nothing
     kill(child->guard, kStopNow);
-    waitpid(child->guard, nullptr, 0);
+    if (!ends_within(child->guard, kGuardEnd)) {
+      // The child may have left the group. While the guard is its parent, its number is not used again.
+      if (parent_of(std::to_string(child->pid).c_str()) == child->guard) kill(child->pid, SIGKILL);
+      kill(-child->guard, SIGKILL);
+      if (!ends_within(child->guard, kKilled)) log_(child->spec.name, "cannot be killed");
+    }
     bury(*child);
   }
   return clean;

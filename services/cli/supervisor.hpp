@@ -39,6 +39,7 @@ class Supervisor {
   /// `log` receives each line that a child prints, without its newline.
   using LogLine = std::function<void(const std::string& name, const std::string& line)>;
 
+  /// Sets SIGCHLD of the process to its default.
   explicit Supervisor(LogLine log);
   ~Supervisor();  ///< stops all running children
   Supervisor(const Supervisor&) = delete;
@@ -48,13 +49,15 @@ class Supervisor {
   void start(const ChildSpec& spec);
   /// A sign of life of the process `id`, if it belongs to the child `name`.
   void heard(const std::string& name, pid_t id);
-  /// Forwards output, reaps dead children, and restarts them after a backoff. The first restart is immediate. The next
-  /// backoff is 0.25 s and then doubles up to 8 s. It is reset for a child that ran for at least 10 s. A child that
-  /// ends with kExitConfiguration is not restarted. A child that is silent for too long is ended, and then restarted;
-  /// its first sign of life may take 30 s. Waits at most `timeout` for an event.
+  /// Forwards output (of each child at most 64 KiB a call), reaps dead children, and restarts them after a backoff. The
+  /// first restart is immediate. The next backoff is 0.25 s and then doubles up to 8 s. It is reset for a child that
+  /// ran for at least 10 s. A child that ends with kExitConfiguration is not restarted. A restart that fails is tried
+  /// again after the next backoff. A child that is silent for too long is ended, and then restarted; its first sign of
+  /// life may take 30 s. Waits at most `timeout` for an event.
   void poll(std::chrono::milliseconds timeout);
   /// Sends SIGTERM to the children, turn by turn. Sends SIGKILL to those that still run `grace` after their turn began.
-  /// The next turn begins when all children of a turn have ended. Returns true if no child had to be killed.
+  /// The next turn begins when all children of a turn have ended, or 2 s after SIGKILL. Returns true if no child had to
+  /// be killed.
   bool stop(std::chrono::milliseconds grace = std::chrono::milliseconds(3000));
 
   std::uint64_t restarts(const std::string& name) const;

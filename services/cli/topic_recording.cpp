@@ -96,10 +96,10 @@ TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string&
   // the first message is due.
   RecordReader survey(path);
   RecordedMessage message;
-  std::map<std::string, RecordChannel> present;
+  std::map<std::string, RecordReader::Channel> present;
   bool any = false;
   while (survey.next(message)) {
-    const RecordChannel& channel = survey.channels().at(message.channel);
+    const RecordReader::Channel& channel = survey.channels().at(message.channel);
     if (!chosen(topics, channel.topic)) continue;
     present[channel.topic] = channel;
     if (!any) first_time_ = message.log_time;
@@ -110,8 +110,8 @@ TopicPlayer::TopicPlayer(const bus::Participant& participant, const std::string&
   bus::topics::for_each([&]<typename T>(const bus::Topic<T>& topic) {
     const auto channel = present.find(std::string(topic.name));
     if (channel == present.end()) return;
-    if (channel->second.message_encoding != "cdr" || channel->second.schema_name != topic.type) {
-      throw std::runtime_error(path + ": " + channel->first + " holds " + channel->second.schema_name + " as " +
+    if (channel->second.message_encoding != "cdr" || channel->second.schema->name != topic.type) {
+      throw std::runtime_error(path + ": " + channel->first + " holds " + channel->second.schema->name + " as " +
                                channel->second.message_encoding + "; expected " + topic.type + " as cdr");
     }
     struct LaneOf final : Lane {

@@ -3,6 +3,8 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -10,13 +12,17 @@
 namespace softhand {
 namespace {
 
-constexpr double kSilent = 1;  // s without a status: the process is gone
+constexpr double kLongestTime = 9e9;  // s; more does not fit in nanoseconds
+constexpr double kSilent = 1;         // s without a status: the process is gone
 
 std::optional<double> counter(const LoopStatus& status, std::string_view name) {
   for (const NamedValue& each : status.counters)
     if (get_text(each.name) == name) return each.value;
   return std::nullopt;
 }
+
+// Any process may publish a status, with any number. False for one that is not finite.
+bool is_in(double value, double low, double high) { return value >= low && value <= high; }
 
 bool is_alive(const TrackerRow& row, Nanoseconds now) {
   const auto silent = age_of(row.heard, now);
@@ -25,10 +31,21 @@ bool is_alive(const TrackerRow& row, Nanoseconds now) {
 
 }  // namespace
 
+std::optional<Nanoseconds> motion_start_of(const LoopStatus& status) {
+  const auto seconds = counter(status, "motion_start_s");
+  if (!seconds || !is_in(*seconds, -kLongestTime, kLongestTime)) return std::nullopt;
+  return static_cast<Nanoseconds>(*seconds * 1e9);
+}
+
 void TrackerTable::add(const LoopStatus& status, Nanoseconds now) {
   const auto strength = counter(status, "strength"), published = counter(status, "published");
   const auto health = counter(status, "health");
   if (!strength || !published || !health) return;
+  const double user = counter(status, "user").value_or(0), confidence = counter(status, "confidence").value_or(0);
+  const bool is_plausible = is_in(*strength, 0, strength_of(kMostStrength, Health::live)) &&
+                            is_in(user, 0, std::numeric_limits<std::uint32_t>::max()) && std::isfinite(*published) &&
+                            std::isfinite(*health) && std::isfinite(confidence);
+  if (!is_plausible) return;
   TrackerRow* const known = table_.of(get_text(status.module), now);
   if (known == nullptr) return;
   TrackerRow& row = *known;
@@ -41,11 +58,11 @@ void TrackerTable::add(const LoopStatus& status, Nanoseconds now) {
     row.counted = row.heard;
   }
   row.epoch = status.stamp.epoch;
-  row.user = static_cast<std::uint32_t>(counter(status, "user").value_or(0));
+  row.user = static_cast<std::uint32_t>(user);
   row.strength = static_cast<int>(*strength);
   row.health = static_cast<Health>(std::clamp(*health, 0.0, static_cast<double>(kHealthNames.size() - 1)));
   row.age_ms = status.input_age_ms;
-  row.confidence = counter(status, "confidence").value_or(0);
+  row.confidence = confidence;
 }
 
 void TrackerTable::add(const Skeleton& hand) {

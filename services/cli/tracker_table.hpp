@@ -27,9 +27,13 @@ struct TrackerRow {
   Nanoseconds counted = 0;
 };
 
+/// Start of the motion that a tracker plays, on its clock. Empty if the status tells none.
+std::optional<Nanoseconds> motion_start_of(const LoopStatus& status);
+
 class TrackerTable {
  public:
-  /// Statuses of other modules than trackers are ignored. `now`: time of reception.
+  /// Statuses of other modules than trackers are ignored, and those with numbers that no tracker has. `now`: time of
+  /// reception.
   void add(const LoopStatus& status, Nanoseconds now);
   /// A sample that readers get: its writer owns the hand.
   void add(const Skeleton& hand);

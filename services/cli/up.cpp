@@ -24,6 +24,7 @@
 #include "cli/status_table.hpp"
 #include "cli/supervisor.hpp"
 #include "cli/topic_recording.hpp"
+#include "cli/tracker_table.hpp"
 #include "device/answer.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
@@ -43,8 +44,10 @@ constexpr std::string_view kRigModule = "rig";
 constexpr milliseconds kDiscovery{500};      // after this time a process knows all others of the domain
 constexpr milliseconds kStopOfHolder{5000};  // longest time for another rig to stop
 
+// The reader of the output may be gone. The rig must run on and stop in order, so errors are ignored.
 void say(std::string_view name, std::string_view text) {
-  fmt::print("{:>14} | {}\n", name, text);
+  const std::string line = fmt::format("{:>14} | {}\n", name, text);
+  std::fwrite(line.data(), 1, line.size(), stdout);
   std::fflush(stdout);
 }
 
@@ -107,9 +110,7 @@ class Listener {
       // A counter of another host is on another clock.
       if (std::none_of(rig.processes.begin(), rig.processes.end(), [&name](auto& each) { return each.name == name; }))
         continue;
-      for (const NamedValue& counter : status.counters) {
-        if (get_text(counter.name) == "motion_start_s") return static_cast<Nanoseconds>(counter.value * 1e9);
-      }
+      if (const auto start = motion_start_of(status)) return *start;
     }
     return 0;
   }
@@ -415,6 +416,9 @@ int run_up(const UpArguments& arguments) {
                arguments.replace ? "it was asked to stop and has not stopped" : "stop it, or start with --replace");
     return kExitHeld;
   }
+  std::ofstream out;  // a run may take long, so a wrong path is found before it
+  if (!arguments.json.empty()) out.open(arguments.json);
+  if (!out) throw std::runtime_error(arguments.json + ": cannot be written");
   Listener listener(participant, !arguments.json.empty(), control.scene());
   nlohmann::ordered_json summary;
   bool clean = true;
@@ -437,7 +441,6 @@ int run_up(const UpArguments& arguments) {
   } while (control.take_changed() && !stop.requested() && !control.stop_requested());
   if (!arguments.json.empty()) {
     summary["clean_stop"] = clean;
-    std::ofstream out(arguments.json);
     out << json_text(summary) << "\n";
     out.flush();
     if (!out) throw std::runtime_error(arguments.json + ": cannot be written");

@@ -57,9 +57,7 @@ std::vector<Scene> scenes_of(const FlightHeader& header) {
 std::unique_ptr<FlightRecorder> make_flight_recorder(const FlightOptions& options, const FlightHeader& header,
                                                      const std::string& folder) {
   if (options.seconds == 0) return nullptr;
-  const std::string place =
-      folder.empty() ? (std::filesystem::temp_directory_path() / "softhand-flight").string() : folder;
-  return std::make_unique<FlightRecorder>(options, FlightRecorder::Place{header.module, place}, to_json(header));
+  return std::make_unique<FlightRecorder>(options, FlightRecorder::Place{header.module, folder}, to_json(header));
 }
 
 }  // namespace softhand

@@ -29,7 +29,8 @@ void for_each_field(Header& header, Visit&& visit) {
 std::string to_json(const FlightHeader& header) {
   Json json{{"version", kVersion}};
   for_each_field(header, [&json](const char* name, const auto& value) { json[name] = value; });
-  return json.dump();
+  // A path may be any bytes.
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 
 FlightHeader flight_header_from_json(const std::string& text) {

@@ -33,7 +33,8 @@ double seconds_now() {
 
 template <typename... Parts>
 void log_line(fmt::format_string<Parts...> text, Parts&&... parts) {
-  fmt::print(stderr, "softhand-hand: {}\n", fmt::format(text, std::forward<Parts>(parts)...));
+  // fmt::print would throw if nobody reads stderr any more.
+  std::fputs(("softhand-hand: " + fmt::format(text, std::forward<Parts>(parts)...) + "\n").c_str(), stderr);
 }
 
 std::vector<HandModel> load_hands(const std::vector<Scene>& scenes, const std::string& file) {

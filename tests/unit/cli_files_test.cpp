@@ -127,6 +127,46 @@ TEST_F(FilesTest, ARigStartsInItsOwnFolder) {
   fs::current_path(before);
 }
 
+// `softhand up ... | tee log`: Ctrl-C ends tee before the supervisor has stopped the devices.
+TEST_F(FilesTest, ARigRunsOnWhenNobodyReadsItsOutput) {
+  write("scene.toml", kShippedHand);
+  UpArguments arguments;
+  arguments.rig = write("rig.toml",
+                        "scene = \"scene.toml\"\n[[process]]\nname = \"a\"\nprogram = \"/bin/sleep\"\n"
+                        "arguments = \"60\"\nready_timeout = 0.01\nlongest_silence = 0\n");
+  arguments.seconds = 0.01;
+  testing::use_own_domain();
+  int ends[2];
+  ASSERT_EQ(pipe(ends), 0);
+  close(ends[0]);
+  std::fflush(stdout);
+  const int before = dup(STDOUT_FILENO);
+  dup2(ends[1], STDOUT_FILENO);
+  int code = -1;
+  EXPECT_NO_THROW(code = run_up(arguments));
+  std::fflush(stdout);
+  std::clearerr(stdout);
+  dup2(before, STDOUT_FILENO);
+  close(before);
+  close(ends[1]);
+  EXPECT_EQ(code, 0);
+}
+
+TEST_F(FilesTest, ASummaryThatCannotBeWrittenIsRefusedBeforeTheStart) {
+  write("scene.toml", kShippedHand);
+  const fs::path started = folder_ / "started";
+  UpArguments arguments;
+  arguments.rig = write("rig.toml",
+                        "scene = \"scene.toml\"\n[[process]]\nname = \"a\"\nprogram = \"/usr/bin/touch\"\n"
+                        "arguments = \"" +
+                            started.string() + "\"\nready_timeout = 0.5\nlongest_silence = 0\n");
+  arguments.seconds = 0.01;
+  arguments.json = (folder_ / "missing" / "out.json").string();
+  testing::use_own_domain();
+  EXPECT_THROW(run_up(arguments), std::runtime_error);
+  EXPECT_FALSE(fs::exists(started));
+}
+
 TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
   const std::string path = write("scene.toml", "[hand]\nmodel = \"nobody.hand.json\"\n");
   EXPECT_NE(complaint(path).find("nobody.hand.json"), std::string::npos) << complaint(path);
@@ -204,6 +244,37 @@ TEST_F(FilesTest, ARigExtendsAnotherAndChoosesAmongProcessesOfOneName) {
   EXPECT_THROW(read_rig(write("b.toml", "extends = \"base.toml\"\nchoose = \"telepathy\"\n")), ConfigError);
   EXPECT_THROW(read_rig(write("c.toml", "extends = \"base.toml\"\n[[process]]\nname = \"world\"\nprogram = \"x\"\n")),
                ConfigError);
+}
+
+// Two trackers and a glove, each real or simulated.
+TEST_F(FilesTest, AChoiceOfOneProcessLeavesTheOthers) {
+  std::string text = "scene = \"s.toml\"\n";
+  for (const char* name : {"glove", "tracker"})
+    for (const char* choice : {"real", "simulated"})
+      text += std::string("[[process]]\nname = \"") + name + "\"\nchoice = \"" + choice + "\"\nprogram = \"" + name[0] +
+              choice[0] + " \"\n";
+  const auto programs = [](const RigOptions& rig) {
+    std::string all;
+    for (const RigProcess& process : chosen_processes(rig)) all += process.program;
+    return all;
+  };
+  RigOptions rig = read_rig(write("rig.toml", text));
+  EXPECT_EQ(programs(rig), "gr tr ");
+  EXPECT_TRUE(choose(rig, "tracker", "simulated"));
+  EXPECT_EQ(programs(rig), "gr ts ");
+  EXPECT_TRUE(choose(rig, "glove", "simulated"));
+  EXPECT_TRUE(choose(rig, "tracker", "real"));
+  EXPECT_EQ(programs(rig), "gs tr ");
+  EXPECT_EQ(programs(read_rig(write("all.toml", "choose = \"simulated\"\n" + text))), "gs ts ") << "of all processes";
+}
+
+// `choose` could not name it, or named two others.
+TEST_F(FilesTest, AChoiceWithASpaceIsRefused) {
+  for (const char* choice : {"two words", "tab\\t", " "}) {
+    const std::string text =
+        std::string("scene = \"s.toml\"\n[[process]]\nname = \"a\"\nchoice = \"") + choice + "\"\nprogram = \"p\"\n";
+    EXPECT_THROW(read_rig(write("rig.toml", text)), ConfigError) << choice;
+  }
 }
 
 TEST_F(FilesTest, OnlyDifferentPartsOfOneRigShareADomain) {

@@ -85,12 +85,12 @@ TEST_F(RecordingTest, ReplaysRecordedMessagesWithShiftedTimes) {
   Nanoseconds first_logged = 0;
   while (file.next(message)) {
     if (first_logged == 0) first_logged = message.log_time;
-    const RecordChannel& channel = file.channels().at(message.channel);
+    const RecordReader::Channel& channel = file.channels().at(message.channel);
     EXPECT_EQ(channel.message_encoding, "cdr");
-    EXPECT_EQ(channel.schema_encoding, "omgidl");
+    EXPECT_EQ(channel.schema->encoding, "omgidl");
     if (channel.topic != "softhand/v1/bone_wrench") continue;
-    EXPECT_EQ(channel.schema_name, "softhand::v1::BoneWrench");
-    EXPECT_NE(channel.schema_text.find("struct BoneWrench"), std::string::npos);
+    EXPECT_EQ(channel.schema->name, "softhand::v1::BoneWrench");
+    EXPECT_NE(channel.schema->text.find("struct BoneWrench"), std::string::npos);
     EXPECT_EQ(message.publish_time, sent[static_cast<std::size_t>(wrenches)].stamp.publish_time);
     EXPECT_GE(message.log_time, message.publish_time);
     ++wrenches;

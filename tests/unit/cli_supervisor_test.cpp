@@ -1,6 +1,7 @@
 // The supervisor with real children: shell scripts that live, die, or ignore SIGTERM.
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/time.h>
 #include <sys/wait.h>
@@ -10,6 +11,7 @@
 #include <fstream>
 #include <functional>
 #include <set>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -261,6 +263,116 @@ TEST_F(SupervisorTest, AStoppedDeviceIsReplacedAtOnce) {
   EXPECT_EQ(supervisor_.restarts("glove"), 1u);
   EXPECT_EQ(supervisor_.restarts("tracker"), 0u) << "only devices must not stand still";
   kill(supervisor_.process_id("tracker"), SIGCONT);
+}
+
+// Its guard stood still, too, and did not see that the device had stopped.
+TEST_F(SupervisorTest, ADeviceWhoseGroupWasStoppedIsReplacedAtOnce) {
+  ChildSpec device = shell("glove", "echo up; exec sleep 600");
+  device.stop = StopTurn::first;
+  supervisor_.start(device);
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
+  ASSERT_EQ(kill(-getpgid(supervisor_.process_id("glove")), SIGSTOP), 0);
+  EXPECT_TRUE(poll_until([this] { return lines_with("up").size() == 2; }, milliseconds(5000)));
+}
+
+// The supervisor waited for ever. The alarm ends the test then.
+TEST_F(SupervisorTest, AStoppedGroupIsStoppedInTime) {
+  supervisor_.start(shell("stubborn", "trap '' TERM; echo up; while :; do sleep 0.01; done"));
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
+  const pid_t child = supervisor_.process_id("stubborn");
+  const pid_t group = getpgid(child);
+  // Stopped again and again, so that the guard cannot act.
+  const pid_t stopper = fork();
+  if (stopper == 0) {
+    for (int i = 0; i < 20000 && kill(-group, SIGSTOP) == 0; ++i) usleep(1000);
+    _exit(0);
+  }
+  alarm(20);
+  EXPECT_FALSE(supervisor_.stop(milliseconds(200)));
+  alarm(0);
+  EXPECT_TRUE(ends(child));
+  kill(stopper, SIGKILL);
+  waitpid(stopper, nullptr, 0);
+}
+
+// As a program that ignores SIGCHLD starts it: the kernel then reaps the children.
+TEST_F(SupervisorTest, AnInheritedDispositionOfSigchldDoesNotHideTheEndOfAChild) {
+  const auto former = signal(SIGCHLD, SIG_IGN);
+  std::vector<std::string> lines;
+  {
+    Supervisor supervisor([&lines](const std::string&, const std::string& line) { lines.push_back(line); });
+    supervisor.start(shell("flaky", "exit 3"));
+    const auto until = Clock::now() + milliseconds(5000);
+    while (supervisor.restarts("flaky") == 0 && Clock::now() < until) supervisor.poll(milliseconds(20));
+    EXPECT_EQ(supervisor.restarts("flaky"), 1u);
+  }
+  signal(SIGCHLD, former);
+  ASSERT_FALSE(lines.empty());
+  EXPECT_EQ(lines[0], "exit code 3; restarts in 0 ms");
+}
+
+// A machine without free files or processes ended the whole rig.
+TEST_F(SupervisorTest, ARestartThatFailsIsTriedAgain) {
+  supervisor_.start(shell("flaky", "echo up; sleep 0.3; exit 3"));
+  ASSERT_TRUE(poll_until([this] { return lines_with("up").size() == 1; }));
+  rlimit before{};
+  ASSERT_EQ(getrlimit(RLIMIT_NOFILE, &before), 0);
+  const rlimit none{3, before.rlim_max};
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &none), 0);
+  EXPECT_NO_THROW(poll_until([this] { return lines_with("cannot create a pipe").size() == 2; }));
+  ASSERT_EQ(setrlimit(RLIMIT_NOFILE, &before), 0);
+  const auto failures = lines_with("cannot create a pipe");
+  ASSERT_EQ(failures.size(), 2u);
+  EXPECT_NE(failures[0].text.find("restarts in 250 ms"), std::string::npos) << failures[0].text;
+  EXPECT_GE(failures[1].at - failures[0].at, milliseconds(250));
+  EXPECT_EQ(supervisor_.restarts("flaky"), 0u);
+  EXPECT_TRUE(poll_until([this] { return lines_with("up").size() == 2; }));
+}
+
+// The log takes a line in 1 ms, and the child prints faster. The supervisor did nothing else.
+TEST_F(SupervisorTest, AChildThatPrintsWithoutEndDoesNotHoldUpTheOthers) {
+  int lines = 0;
+  Supervisor supervisor([&lines](const std::string&, const std::string& line) {
+    if (line[0] != 'x') return;
+    usleep(1000);
+    if (++lines > 1000) throw std::runtime_error("no end of lines");
+  });
+  supervisor.start(shell("loud", "exec yes " + std::string(1000, 'x')));
+  EXPECT_NO_THROW(while (lines == 0) supervisor.poll(milliseconds(20)));
+  EXPECT_LE(lines, 70);
+  EXPECT_NO_THROW(supervisor.stop());
+}
+
+TEST_F(SupervisorTest, ALineWithoutEndIsCut) {
+  supervisor_.start(shell("endless", "head -c 100000 /dev/zero | tr '\\0' x; exec sleep 600"));
+  const auto printed = [this] {
+    std::size_t sum = 0;
+    for (const Line& line : lines_) sum += line.text.size();
+    return sum;
+  };
+  EXPECT_TRUE(poll_until([&] { return printed() >= 90000; }, milliseconds(5000)));
+  for (const Line& line : lines_) EXPECT_LE(line.text.size(), 8192u);
+}
+
+// A device must send zero commands at its end, even if nobody reads what it prints.
+TEST(SupervisorDeath, AChildThatPrintsAtItsEndReachesTheNextCommand) {
+  const std::string done = "/tmp/softhand_supervisor_done_" + std::to_string(getpid());
+  const pid_t middle = fork();
+  ASSERT_GE(middle, 0);
+  if (middle == 0) {
+    bool up = false;
+    Supervisor supervisor([&up](const std::string&, const std::string&) { up = true; });
+    supervisor.start(
+        {"glove",
+         {"/bin/sh", "-c", "trap 'echo bye; touch " + done + "; exit 0' TERM; echo up; while :; do sleep 0.01; done"}});
+    while (!up) supervisor.poll(milliseconds(20));
+    kill(getpid(), SIGKILL);
+  }
+  waitpid(middle, nullptr, 0);
+  const auto until = Clock::now() + std::chrono::seconds(5);
+  while (access(done.c_str(), F_OK) != 0 && Clock::now() < until) usleep(10000);
+  EXPECT_EQ(access(done.c_str(), F_OK), 0);
+  unlink(done.c_str());
 }
 
 // After a pause of the whole machine, or of the supervisor, its children have not been silent.

@@ -1,6 +1,8 @@
 // What `softhand trackers` says about the trackers of a domain.
 #include <gtest/gtest.h>
 
+#include <limits>
+
 #include "cli/tracker_table.hpp"
 #include "messages/convert.hpp"
 
@@ -73,6 +75,42 @@ TEST(TrackerTable, FindsTheStrengthThatOwns) {
   EXPECT_EQ(table.strength_to_own("source", kStart), 50);
   EXPECT_FALSE(table.strength_to_own("dead", kStart));
   EXPECT_FALSE(table.strength_to_own("nobody", kStart));
+}
+
+// Any process may publish a status. A conversion of such a number has no defined result.
+TEST(TrackerTable, RefusesNumbersThatNoTrackerHas) {
+  const double nan = std::numeric_limits<double>::quiet_NaN(), huge = 1e300;
+  TrackerTable table;
+  table.add(status("a", nan, Health::live, 0, kStart, 1), kStart);
+  table.add(status("b", huge, Health::live, 0, kStart, 1), kStart);
+  table.add(status("c", -1, Health::live, 0, kStart, 1), kStart);
+  table.add(status("d", 1, Health::live, nan, kStart, 1), kStart);
+  table.add(status("e", 1, Health::live, 0, kStart, 1, nan), kStart);
+  table.add(status("f", 1, Health::live, 0, kStart, 1, huge), kStart);
+  table.add(status("g", 1, Health::live, 0, kStart, 1, -1), kStart);
+  for (const char* name : {"health", "confidence"}) {
+    LoopStatus wrong = status(name, 1, Health::live, 0, kStart, 1);
+    for (NamedValue& counter : wrong.counters)
+      if (get_text(counter.name) == name) counter.value = nan;
+    table.add(wrong, kStart);
+  }
+  EXPECT_TRUE(table.trackers().empty()) << table.text(kStart);
+  table.add(status("ordinary", strength_of(kMostStrength, Health::live), Health::live, 0, kStart, 1, 15), kStart);
+  EXPECT_EQ(table.trackers().size(), 1u);
+}
+
+TEST(MotionStart, IsATimeOrNothing) {
+  const auto start = [](double seconds) {
+    LoopStatus out;
+    add_counter(out, "motion_start_s", seconds);
+    return motion_start_of(out);
+  };
+  EXPECT_EQ(start(1.5), kSecond * 3 / 2);
+  EXPECT_EQ(start(-1), -kSecond) << "before the start of the machine";
+  const double infinite = std::numeric_limits<double>::infinity();
+  for (const double wrong : {std::numeric_limits<double>::quiet_NaN(), infinite, -infinite, 1e300})
+    EXPECT_FALSE(start(wrong)) << wrong;
+  EXPECT_FALSE(motion_start_of({}));
 }
 
 TEST(TrackerTable, AHealthyTrackerIsStrongerThanAllOthers) {

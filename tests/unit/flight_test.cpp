@@ -146,6 +146,13 @@ TEST(FlightFiles, AHeaderWithMoreHandsThanTheSceneIsRefused) {
   EXPECT_THROW(scenes_of(header), std::runtime_error);
 }
 
+// A path is any bytes, here "Gerät" in Latin-1. The process did not start.
+TEST(FlightFiles, AHeaderMayHaveAPathThatIsNotUtf8) {
+  FlightHeader header;
+  header.scene = "/Ger\xe4t/scene.toml";
+  EXPECT_EQ(flight_header_from_json(to_json(header)).scene, "/Ger\ufffdt/scene.toml");
+}
+
 TEST(FlightFiles, AnUnknownStatusHasAText) {
   EXPECT_STREQ(FlightTraits<HandLoop>::status_text(0), "converged");
   EXPECT_STREQ(FlightTraits<HandLoop>::status_text(1'000'000), "unknown");
@@ -508,6 +515,33 @@ TEST_F(Recorder, KeepsTheLastMinuteAndBeginsWithASnapshot) {
   const double kept = static_cast<double>(all.back().log_time - all[1].log_time) * 1e-9;
   EXPECT_GE(kept, 2);
   EXPECT_LE(kept, 2.5);
+}
+
+// Anybody can make a folder in /tmp, or a link to the files of this user.
+TEST_F(Recorder, WithoutAFolderTheFilesAreInOneOfThisUserAlone) {
+  const char* const temporary = std::getenv("TMPDIR");
+  const std::string former = temporary == nullptr ? "" : temporary;
+  fs::create_directories(folder_ / "elsewhere");
+  setenv("TMPDIR", folder_.c_str(), 1);
+  const auto write = [] {
+    FlightOptions options;
+    options.megabytes = 1;
+    FlightHeader header;
+    header.module = "test";
+    const auto recorder = make_flight_recorder(options, header, "");
+    recorder->begin_segment(kStart, [](ByteWriter& out) { out.write(7); });
+    recorder->finish("because");
+  };
+  const fs::path own = folder_ / ("softhand-" + std::to_string(getuid()));
+  fs::create_directory_symlink(folder_ / "elsewhere", own);
+  write();
+  EXPECT_TRUE(fs::is_empty(folder_ / "elsewhere"));
+  fs::remove(own);
+  write();
+  ASSERT_TRUE(fs::exists(own / "flight"));
+  EXPECT_EQ(fs::status(own).permissions(), fs::perms::owner_all);
+  EXPECT_EQ(std::distance(fs::directory_iterator(own / "flight"), {}), 1);
+  former.empty() ? unsetenv("TMPDIR") : setenv("TMPDIR", former.c_str(), 1);
 }
 
 TEST_F(Recorder, BeginsTheNextSegmentBeforeOneIsFull) {

@@ -1,4 +1,5 @@
 #include <gtest/gtest.h>
+#include <malloc.h>
 #include <sys/resource.h>
 
 #include <csignal>
@@ -31,6 +32,14 @@ class RecordFile : public testing::Test {
   }
   void put(const std::string& text) const { std::ofstream(path_, std::ios::binary) << text; }
 
+  static void expect_same(const RecordReader::Channel& read, const RecordChannel& written) {
+    EXPECT_EQ(read.topic, written.topic);
+    EXPECT_EQ(read.message_encoding, written.message_encoding);
+    EXPECT_EQ(read.schema->name, written.schema_name);
+    EXPECT_EQ(read.schema->encoding, written.schema_encoding);
+    EXPECT_EQ(read.schema->text, written.schema_text);
+  }
+
   const RecordChannel objects_{"softhand/v1/objects", "cdr", "softhand::WorldObjects", "omgidl",
                                "struct WorldObjects {};"};
   const RecordChannel plain_{"other", "json", "", "", ""};
@@ -51,13 +60,13 @@ TEST_F(RecordFile, ReturnsWhatWasWritten) {
   RecordReader reader(path_);
   RecordedMessage m;
   ASSERT_TRUE(reader.next(m));
-  EXPECT_EQ(reader.channels().at(m.channel), objects_);
+  expect_same(reader.channels().at(m.channel), objects_);
   EXPECT_EQ(m.sequence, 7u);
   EXPECT_EQ(m.log_time, 100);
   EXPECT_EQ(m.publish_time, 90);
   EXPECT_EQ(text_of(m.payload), "first");
   ASSERT_TRUE(reader.next(m));
-  EXPECT_EQ(reader.channels().at(m.channel), plain_);
+  expect_same(reader.channels().at(m.channel), plain_);
   EXPECT_TRUE(m.payload.empty());
   ASSERT_TRUE(reader.next(m));
   EXPECT_EQ(text_of(m.payload), std::string("a\0b", 3));
@@ -109,6 +118,20 @@ TEST_F(RecordFile, ReadsUpToTheLastWholeMessageOfATruncatedFile) {
   }
 }
 
+// Where others may write, a link would lead to a file of this user.
+TEST_F(RecordFile, ANewFileReplacesAndFollowsNothing) {
+  const std::string target = path_ + ".target";
+  std::filesystem::create_symlink(target, path_);
+  EXPECT_THROW(RecordWriter(path_, RecordWriter::Existing::refuse), std::runtime_error);
+  EXPECT_FALSE(std::filesystem::exists(target));
+  std::filesystem::remove(path_);
+  put("kept");
+  EXPECT_THROW(RecordWriter(path_, RecordWriter::Existing::refuse), std::runtime_error);
+  EXPECT_EQ(content(), "kept");
+  std::filesystem::remove(path_);
+  EXPECT_NO_THROW(RecordWriter(path_, RecordWriter::Existing::refuse));
+}
+
 // A disk may be full when a message is written and have room again when the file is closed.
 TEST_F(RecordFile, NothingFollowsATruncatedMessage) {
   rlimit before{};
@@ -158,6 +181,43 @@ TEST_F(RecordFile, RefusesFilesThatAreNotRecordings) {
   RecordedMessage m;
   EXPECT_FALSE(reader.next(m));
   EXPECT_TRUE(reader.truncated());
+}
+
+// A file of 2 MB would have filled 4 GB: each channel had a copy of the text of its schema.
+TEST_F(RecordFile, ChannelsShareTheirSchema) {
+  constexpr std::size_t kText = 2'000'000;
+  constexpr std::uint16_t kChannels = 2000;
+  std::string file("\x89MCAP0\r\n", 8);
+  const auto append = [&file](auto value) { file.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  const auto begin = [&](char opcode, std::uint64_t size) {
+    file += opcode;
+    append(size);
+  };
+  begin(3, 2 + 4 + 4 + 4 + kText);
+  append(std::uint16_t{1});
+  append(std::uint32_t{0});
+  append(std::uint32_t{0});
+  append(std::uint32_t{kText});
+  file.append(kText, 'x');
+  for (std::uint16_t id = 1; id <= kChannels; ++id) {
+    begin(4, 2 + 2 + 4 + 4 + 4);
+    append(id);
+    append(std::uint16_t{1});
+    append(std::uint32_t{0});
+    append(std::uint32_t{0});
+    append(std::uint32_t{0});
+  }
+  put(file);
+  const auto allocated = [] {
+    const struct mallinfo2 info = mallinfo2();
+    return info.uordblks + info.hblkhd;
+  };
+  const std::size_t before = allocated();
+  RecordReader reader(path_);
+  RecordedMessage m;
+  EXPECT_FALSE(reader.next(m));
+  EXPECT_EQ(reader.channels().size(), kChannels);
+  EXPECT_LT(allocated() - before, 10 * kText);
 }
 
 TEST_F(RecordFile, RefusesUnknownChannels) {
