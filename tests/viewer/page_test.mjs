@@ -708,9 +708,12 @@ test("a replaced object leaves no material", () =>
 
 test("what a dead stream showed disappears, but not while simulation or page stand still", () =>
   withPlayer(async (made) => {
-    ++made.epoch;
     const figures = () => made.count("#forces .hand:not(.silent)");
-    await until("no objects", async () => (await made.count("#forces .hand")) === 0);
+    // A new gateway clears the picture. The figures show when it has.
+    made.send(6, contacts(1), 1);
+    await until("figures", async () => (await made.count("#forces .hand")) === 1);
+    ++made.epoch;
+    await until("an empty picture", async () => (await made.count("#forces .hand")) === 0);
     await drawn();
     const empty = await pixels();
     const skin = Buffer.concat([
