@@ -1,5 +1,6 @@
-// Messages of programs that track landmarks (docs/tracker-landmarks.md).
+// Messages of programs that track landmarks (services/trackers/landmarks/README.md).
 #include "fuzz/fuzzer.hpp"
+#include "messages/convert.hpp"
 #include "trackers/landmarks/landmarks.hpp"
 
 namespace softhand::fuzz {

@@ -1,4 +1,4 @@
-// Frames of a headset's page (docs/tracker-webxr.md).
+// Frames of a headset's page (services/trackers/webxr/README.md).
 #include "fuzz/fuzzer.hpp"
 #include "trackers/webxr/webxr_frames.hpp"
 
