@@ -72,7 +72,7 @@ double DeviceGuard::freshness(Nanoseconds now) const {
   if (!any_) return 0;
   double oldest = 0;
   // The age counts from the arrival. It also counts from the publisher's stamp, so that a backlog does not count as
-  // fresh, and from the simulated hand in the input, so that a hung simulation does not. Both are in real time.
+  // fresh. It counts from the simulated hand in the input, so that a hung simulation does not. Both are in real time.
   for (const Nanoseconds time : {arrival_, stamp_.publish_time, stamp_.chain.simulated_published}) {
     const std::optional<double> age = time == 0 ? 0 : age_of(time, now);
     if (!age) return 0;

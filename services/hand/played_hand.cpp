@@ -8,6 +8,7 @@
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "messages/plausible.hpp"
 
 namespace softhand {
 namespace {
@@ -15,15 +16,8 @@ namespace {
 // s after a reposition. The hand was moved in its posture at that time, so its fingers may move fast. They must not hit
 // objects away, and pass through flexible ones and through the other hand.
 constexpr double kSettlingTime = 0.1;
-constexpr double kPlausibleLimit = 1e4;  // m, m/s, rad/s; larger values are refused
 
-// False for numbers that are not finite, too.
-bool usable(const JointSample& joint) {
-  const auto plausible = [](const Vec3& each) { return to_vector(each).norm() < kPlausibleLimit; };
-  return (joint.flags & kJointValid) != 0 && plausible(joint.position) && plausible(joint.linear_velocity) &&
-         plausible(joint.angular_velocity) && joint.confidence >= 0 && joint.confidence <= 1 &&
-         std::abs(to_quaternion(joint.orientation).norm() - 1.0) < 0.01;
-}
+bool usable(const JointSample& joint) { return is_usable(joint) && joint.confidence >= 0 && joint.confidence <= 1; }
 
 Twist twist_of(const JointSample& joint) {
   return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)};

@@ -10,6 +10,7 @@
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
+#include "messages/plausible.hpp"
 
 namespace softhand {
 namespace {
@@ -17,7 +18,6 @@ namespace {
 // Even a bone without coupling in the hand file follows its tracker, with at least this bandwidth.
 constexpr double kMinimumBandwidth = 2 * M_PI * 50;  // rad/s
 constexpr int kRotationIterations = 4;
-constexpr double kPlausibleLimit = 1e4;  // m, m/s, rad/s; larger values of the simulated skeleton are refused
 
 std::size_t index(Joint joint) { return static_cast<std::size_t>(index_of(joint)); }
 
@@ -161,12 +161,7 @@ void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
   for (std::size_t b = 1; b < kBodyCount; ++b) {
     Bone& bone = bones_[b];
     const JointSample& joint = simulated.joints[index(joint_of(static_cast<Body>(b)))];
-    const bool good = (joint.flags & kJointValid) != 0 && all_finite(joint.position) && all_finite(joint.orientation) &&
-                      all_finite(joint.linear_velocity) && all_finite(joint.angular_velocity) &&
-                      std::abs(to_quaternion(joint.orientation).norm() - 1) < 0.01 &&
-                      to_vector(joint.position).norm() < kPlausibleLimit &&
-                      to_vector(joint.linear_velocity).norm() < kPlausibleLimit &&
-                      to_vector(joint.angular_velocity).norm() < kPlausibleLimit;
+    const bool good = is_usable(joint);
     bone.simulated_seen = good;
     if (!good) {
       ++simulated_refused_;

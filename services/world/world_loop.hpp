@@ -51,7 +51,7 @@ class WorldLoop {
   const WorldOutput& step(Nanoseconds now, const WorldInput& input);
 
   // A saved state (docs/flight-recorder.md; world_memory.cpp). A loop of the same options and objects that loads it
-  // continues with the same bits as the loop that saved it, if that one calls `forget` at the same time.
+  // continues with the same bits as the loop that saved it. That one must call `forget` at the same time.
   void save(ByteWriter& out) const;
   /// Throws std::runtime_error if the bytes do not fit.
   void load(ByteReader& in);
@@ -75,15 +75,17 @@ class WorldLoop {
   const std::vector<ObjectJointDescription>& joint_descriptions() const { return joint_descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
 
-  /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored,
-  /// and claims during the first 0.2 s: a hand may receive the reset later, and an object is put where it is.
+  /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored.
+  /// So are claims during the first 0.2 s. A hand may receive the reset later, and an object is put where it is.
   void reset(Nanoseconds time);
 
   /// Answers messages. Call between steps. The hand that holds the object releases it. Other keys, and messages to
   /// another module than `module`, are ignored. Keys:
   /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns. Objects that joints
   ///   connect to it are reset too.
+  ///
   /// - `object.remove` NAME: removes its joints too.
+  ///
   /// - `object.teleport` NAME X Y Z: place of the shape's frame in m, at rest, orientation unchanged. Objects that
   ///   joints connect to it move along. An object that is jointed to a static one is refused.
   MessageReply answer(const Message& message, std::string_view module = "world");

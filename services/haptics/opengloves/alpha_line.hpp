@@ -44,7 +44,7 @@ class ForceLine {
 
 /// Turns the lines of one glove into curls. It follows the newest connection that sent a line of this glove, and an
 /// earlier one if that is silent for 0.5 s: anybody may connect. A line is used if it has the same keys as the line
-/// before: a line that lost bytes on the way, or is the end of one, has others.
+/// before. A line that lost bytes on the way, or is the end of one, has others.
 class AlphaDecoder {
  public:
   AlphaDecoder(Side side, std::int64_t maximum) : side_(side), maximum_(maximum) {}

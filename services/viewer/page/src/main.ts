@@ -1,12 +1,14 @@
-// Connects connection, timeline, stage and panel with the controls of the page.
-// Parameters of the address:
-// - ?plain: hides everything but the picture.
-// - ?theme=dark|light
-// - ?tracker=8091: port of softhand-tracker-webxr on this page's host.
-// - ?show=hand,objects,...: content at the start.
-// - ?colour=skin|pressure|strain
-// - ?quality=high|low
-// - ?camera=x,y,z,x,y,z: position and target in metres.
+// Connects connection, timeline, stage and panel with the controls of the page. The address has parameters:
+//
+// ?plain hides everything but the picture.
+//
+// ?theme=dark|light, ?colour=skin|pressure|strain and ?quality=high|low set how it is drawn.
+//
+// ?show=hand,objects,... sets the content at the start.
+//
+// ?camera=x,y,z,x,y,z sets position and target in metres.
+//
+// ?tracker=8091 is the port of softhand-tracker-webxr on this page's host.
 import { Connection } from "./connection";
 import { COUPLING_COLOUR, FORCE_COLOUR, SKELETON_COLOURS } from "./glyphs";
 import { type Mode, Headset, offers } from "./headset";
