@@ -1,4 +1,4 @@
-// Packets of VMC performers and OSC trackers (services/trackers/osc/README.md).
+// Packets of VMC performers, OSC trackers and plain hands (services/trackers/osc/README.md).
 #include "fuzz/tracker_fuzzer.hpp"
 #include "trackers/osc/performer.hpp"
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "device/health.hpp"
+#include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 #include "support/tracker_process.hpp"
 #include "trackers/osc/simulated_performer.hpp"
@@ -64,6 +65,17 @@ TEST_F(OscProcess, FollowsTheSimulatorThroughPowerCycles) {
     EXPECT_EQ(listener_.counter(std::string("refused_") + reason), 0) << reason;
   // Each kill may cut a frame.
   EXPECT_LE(listener_.counter("refused_incomplete"), 1);
+}
+
+TEST_F(OscProcess, FollowsPlainHands) {
+  const testing::Process simulator("simulate-tracker-osc", {std::to_string(port_), "plain"}, false);
+  ASSERT_TRUE(health(Health::live));
+  const auto closes = [&](const Skeleton& hand) {
+    const auto at = [&](Joint joint) { return to_vector(hand.joints[slot_of(joint)].position); };
+    return hand.frame == 0 && (at(Joint::index_tip) - at(Joint::wrist)).norm() < 0.12;
+  };
+  EXPECT_TRUE(listener_.until([] {}, [&] { return closes(listener_.hands[0]) && closes(listener_.hands[1]); }));
+  EXPECT_EQ(listener_.counter("refused_content"), 0);
 }
 
 TEST_F(OscProcess, RefusesAndCountsBadPackets) {

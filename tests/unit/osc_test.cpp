@@ -218,6 +218,73 @@ TEST_F(Osc, TheHalfOfALostPoseIsNotUsedInTheNextPose) {
   EXPECT_LT((to_quaternion(wrist.orientation) * Vector3(0, 0, -1) - Vector3(0, 0, -1)).norm(), 1e-6);
 }
 
+TEST_F(Osc, APlainHandIsAWristWithTheNewestCurls) {
+  const Pose wrist{Vector3(0.1, 1.2, -0.3), Quaternion(Eigen::AngleAxisd(0.7, Vector3(1, 2, 3).normalized()))};
+  const std::vector<double> curls{0, 1, 0.25, 0.5, 0.75};
+  for (const Side side : {Side::left, Side::right}) {
+    send(plain_hand(side, wrist, curls));
+    const Skeleton& hand = sink_.hands[static_cast<std::size_t>(side)];
+    Skeleton fingers;
+    std::array<FingerCurl, kFingerCount> fingers_of_curls;
+    for (std::size_t f = 0; f < kFingerCount; ++f)
+      fingers_of_curls[f] = {.valid = true, .curl = {curls[f], curls[f], curls[f]}};
+    CurlLifter(hand_, side).lift(fingers_of_curls, fingers);
+    EXPECT_EQ(hand.hand.side, static_cast<std::uint32_t>(side));
+    EXPECT_EQ(hand.frame, 0u);
+    EXPECT_EQ(hand.joints[slot_of(Joint::wrist)].flags, kJointValid | kJointTracked);
+    for (std::size_t j = 0; j < kJointCount; ++j) {
+      EXPECT_LT((to_vector(hand.joints[j].position) - wrist * to_vector(fingers.joints[j].position)).norm(), 1e-5) << j;
+      EXPECT_EQ(hand.joints[j].confidence, 1) << j;
+    }
+  }
+  // The curls before the first wrist were fingers without a place.
+  EXPECT_EQ(sink_.count, 4);
+  // Later curls wait for the wrist, so that each wrist is one sample.
+  send(plain_hand(Side::right, wrist, curls));
+  EXPECT_EQ(sink_.count, 5);
+  // Splays are part of the next hand.
+  const auto index_tip = [&] { return to_vector(sink_.hands[1].joints[slot_of(Joint::index_tip)].position); };
+  const Vector3 before = index_tip();
+  send(osc_message("/hand/right/splays", "", {0, 0.2, 0, 0, 0}));
+  EXPECT_EQ(sink_.count, 5);
+  send(plain_hand(Side::right, wrist, curls));
+  EXPECT_GT((index_tip() - before).norm(), 1e-3);
+}
+
+TEST_F(Osc, APlainHandMayLackItsWristOrItsFingers) {
+  const auto flags = [&](Joint joint) { return sink_.hands[1].joints[slot_of(joint)].flags; };
+  const std::vector<std::string> hand = plain_hand(Side::right, {Vector3(0.5, 1, 2), Quaternion::Identity()}, {5, 0});
+  send(hand[1]);
+  ASSERT_EQ(sink_.count, 1);
+  EXPECT_EQ(flags(Joint::wrist), kJointValid | kJointTracked);
+  EXPECT_EQ(flags(Joint::index_tip), 0u);
+  // The wrist's sender has ended: fingers go on alone, as those of a glove.
+  arrival_ += 200 * kMillisecond;
+  const std::string curls = osc_message("/hand/right/curls", "", {0, 0, 0, 0, 0});
+  send(curls);
+  ASSERT_EQ(sink_.count, 2);
+  EXPECT_EQ(sink_.hands[1].frame, 2u);
+  EXPECT_EQ(flags(Joint::wrist), kJointValid | kJointInferred);
+  EXPECT_EQ(flags(Joint::index_tip), kJointValid | kJointTracked);
+  // And the wrist without the fingers, whose sender has ended. It is in the world again.
+  arrival_ += 200 * kMillisecond;
+  send(hand[1]);
+  ASSERT_EQ(sink_.count, 3);
+  EXPECT_EQ(sink_.hands[1].frame, 0u);
+  EXPECT_EQ(flags(Joint::index_tip), 0u);
+
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  send(hand[0]);  // three curls are missing
+  send(osc_message("/hand/right/curls", "", {0, 0, nan, 0, 0}));
+  send(osc_message("/hand/right/splays", "", {0, 0, 0, 0, nan}));
+  send(osc_message("/hand/right/wrist", "", {0, 0, 0, 0, 0, 0, 2}));
+  EXPECT_EQ(refused("content"), 4);
+  send(osc_message("/hand/middle/curls", "", {0, 0, 0, 0, 0}));
+  send(osc_message("/hand/right/grip", "", {1}));
+  EXPECT_EQ(decoder_.refusals().total(), 4u);
+  EXPECT_EQ(sink_.count, 3);
+}
+
 TEST_F(Osc, RefusesBadNumbersAndIgnoresWhatItDoesNotKnow) {
   const double nan = std::numeric_limits<double>::quiet_NaN();
   send(osc_message("/VMC/Ext/Bone/Pos", "LeftHand", {0, 0, 0, 0, 0, 1}));  // a number is missing
@@ -248,6 +315,12 @@ TEST_F(Osc, DoesNotAllocate) {
   counting = false;
   EXPECT_EQ(allocations, 0);
   EXPECT_EQ(sink_.count, 40);
+  const std::string plain = osc_bundle(plain_hand(Side::left, {}, {0, 1, 0, 1, 0}));
+  counting = true;
+  for (int i = 0; i < 20; ++i) decoder_.take({plain, arrival_ += kMillisecond, 0, false}, sink_);
+  counting = false;
+  EXPECT_EQ(allocations, 0);
+  EXPECT_EQ(sink_.count, 61);
 }
 
 }  // namespace

@@ -7,5 +7,5 @@ using namespace softhand;
 
 DriverChecks check(const OscOptions& options) { return {check_udp_listening(options.address, options.port)}; }
 
-const RegisterDriver<OscOptions> driver{"tracker_osc", "senders of VMC and of OSC trackers.", check};
+const RegisterDriver<OscOptions> driver{"tracker_osc", "senders of VMC, of OSC trackers and of plain hands.", check};
 }  // namespace

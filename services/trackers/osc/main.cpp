@@ -1,4 +1,4 @@
-// softhand-tracker-osc: hands and head from a VMC performer, head and wrists from OSC trackers.
+// softhand-tracker-osc: hands and head from a VMC performer, head and wrists from OSC trackers, and plain hands.
 #include <cstdio>
 
 #include "device/packet_tracker.hpp"
@@ -22,7 +22,7 @@ class OscTracker final : public PacketTracker<PerformerDecoder> {
 int main(int argc, char** argv) {
   return run_tracker(argc, argv,
                      {.name = "osc",
-                      .about = "Tracker that receives VMC and OSC trackers",
+                      .about = "Tracker that receives VMC, OSC trackers and plain OSC hands",
                       .make_source = [](const Scene& scene, const bus::Participant&) {
                         return std::make_unique<OscTracker>(load_scene_hand(scene),
                                                             driver_options<OscOptions>(scene.options));

@@ -11,7 +11,8 @@ namespace {
 
 constexpr double kFarthest = 1000;  // m
 constexpr double kPerDegree = M_PI / 180;
-constexpr Nanoseconds kHalves = 5'000'000;  // position and rotation of one pose arrive within this time
+constexpr Nanoseconds kHalves = 5'000'000;      // position and rotation of one pose arrive within this time
+constexpr Nanoseconds kTogether = 100'000'000;  // a wrist and curls within this time are one hand
 constexpr std::uint32_t kAllFresh = (1u << (1 + kFingerBones)) - 1;
 
 bool skip(std::string_view& text, std::string_view prefix) {
@@ -22,22 +23,45 @@ bool skip(std::string_view& text, std::string_view prefix) {
 
 bool is_place(const Vector3& v) { return v.cwiseAbs().maxCoeff() <= kFarthest; }
 
-// Unity is left-handed with +Z forward. The world's -Z is forward.
+// A position and a quaternion xyzw.
 bool to_pose(const OscMessage& message, Pose& out) {
   if (message.count < 7) return false;
   std::array<double, 7> v;
   std::copy_n(message.numbers.begin(), 7, v.begin());
   if (!all_finite(v)) return false;
-  out.position = Vector3(v[0], v[1], -v[2]);
-  out.orientation = Quaternion(v[6], -v[3], -v[4], v[5]);
+  out.position = Vector3(v[0], v[1], v[2]);
+  out.orientation = Quaternion(v[6], v[3], v[4], v[5]);
   return make_plausible(out);
+}
+
+// Unity is left-handed with +Z forward. The world's -Z is forward.
+bool from_unity(const OscMessage& message, Pose& out) {
+  if (!to_pose(message, out)) return false;
+  out.position.z() = -out.position.z();
+  out.orientation.x() = -out.orientation.x();
+  out.orientation.y() = -out.orientation.y();
+  return true;
+}
+
+// Moves a hand whose wrist is at the origin to a wrist in the world.
+void place_on_wrist(const Pose& wrist, Skeleton& out) {
+  out.frame = 0;
+  for (JointSample& joint : out.joints) {
+    const Pose pose = wrist * Pose{to_vector(joint.position), to_quaternion(joint.orientation)};
+    joint.position = to_wire(pose.position);
+    joint.orientation = to_wire(pose.orientation);
+  }
+  out.joints[slot_of(Joint::wrist)].flags = kJointValid | kJointTracked;
 }
 
 }  // namespace
 
 PerformerDecoder::PerformerDecoder(const HandModel& hand, const OscOptions& options)
     : wrist_trackers_{options.left_tracker, options.right_tracker},
-      lifters_{LandmarkLifter(hand, Side::left), LandmarkLifter(hand, Side::right)} {}
+      lifters_{LandmarkLifter(hand, Side::left), LandmarkLifter(hand, Side::right)},
+      curl_lifters_{CurlLifter(hand, Side::left), CurlLifter(hand, Side::right)} {
+  for (JointSample& joint : curled_hand_.joints) joint.confidence = 1;
+}
 
 void PerformerDecoder::take(const Arrival& packet, TrackerSink& out) {
   const auto take_one = [&](const OscMessage& message) { refusals_.accepted(take_message(message, packet.time, out)); };
@@ -47,6 +71,7 @@ void PerformerDecoder::take(const Arrival& packet, TrackerSink& out) {
 OscRefusal PerformerDecoder::take_message(const OscMessage& message, Nanoseconds time, TrackerSink& out) {
   std::string_view address = message.address;
   if (skip(address, "/tracking/trackers/")) return take_tracker(address, message, time, out);
+  if (skip(address, "/hand/")) return take_plain(address, message, time, out);
   if (!skip(address, "/VMC/Ext/")) return OscRefusal::none;
   if (address == "T") {
     // A new frame. A hand of the last frame that lacks bones would mix two frames.
@@ -60,7 +85,7 @@ OscRefusal PerformerDecoder::take_message(const OscMessage& message, Nanoseconds
   const bool is_bone = address == "Bone/Pos", is_root = address == "Root/Pos", is_head = address == "Hmd/Pos";
   if (!is_bone && !is_root && !is_head) return OscRefusal::none;
   Pose pose;
-  if (!to_pose(message, pose)) return OscRefusal::content;
+  if (!from_unity(message, pose)) return OscRefusal::content;
   if (is_bone) return take_bone(message.text, pose, time, out);
   if (is_root) {
     root_ = pose;
@@ -105,11 +130,57 @@ OscRefusal PerformerDecoder::deliver_hand(std::size_t side, Nanoseconds time, Tr
     }
   }
   if (!lifters_[side].lift(bones, hand_)) return OscRefusal::shape;
-  hand_.hand.side = static_cast<std::uint32_t>(side);
-  hand_.confidence = 1;
-  stamps_.stamp(side, time, hand_.stamp);
-  out.hand(hand_);
+  deliver(hand_, side, time, out);
   return OscRefusal::none;
+}
+
+OscRefusal PerformerDecoder::take_plain(std::string_view address, const OscMessage& message, Nanoseconds time,
+                                        TrackerSink& out) {
+  const bool is_left = skip(address, "left/");
+  if (!is_left && !skip(address, "right/")) return OscRefusal::none;
+  const std::size_t side = is_left ? 0 : 1;
+  PlainHand& hand = plain_hands_[side];
+  const bool is_wrist = address == "wrist";
+  Pose wrist;
+  if (is_wrist) {
+    if (!to_pose(message, wrist)) return OscRefusal::content;
+    hand.wrist_time = time;
+  } else if (address == "curls" || address == "splays") {
+    const std::array<double, kFingerCount> v{message.numbers[0], message.numbers[1], message.numbers[2],
+                                             message.numbers[3], message.numbers[4]};
+    if (message.count < v.size() || !all_finite(v)) return OscRefusal::content;
+    const bool is_splay = address == "splays";
+    for (std::size_t f = 0; f < kFingerCount; ++f) {
+      if (is_splay) {
+        hand.fingers[f].splay = v[f];
+      } else {
+        hand.fingers[f].curl.fill(v[f]);
+        hand.fingers[f].valid = true;
+      }
+    }
+    if (is_splay) return OscRefusal::none;
+    hand.curls_time = time;
+    // The next wrist brings them.
+    if (time - hand.wrist_time <= kTogether) return OscRefusal::none;
+  } else {
+    return OscRefusal::none;
+  }
+  if (is_wrist && time - hand.curls_time > kTogether) {
+    set_wrist(wrist, hand_);
+    deliver(hand_, side, time, out);
+  } else {
+    curl_lifters_[side].lift(hand.fingers, curled_hand_);
+    if (is_wrist) place_on_wrist(wrist, curled_hand_);
+    deliver(curled_hand_, side, time, out);
+  }
+  return OscRefusal::none;
+}
+
+void PerformerDecoder::deliver(Skeleton& hand, std::size_t side, Nanoseconds time, TrackerSink& out) {
+  hand.hand.side = static_cast<std::uint32_t>(side);
+  hand.confidence = 1;
+  stamps_.stamp(side, time, hand.stamp);
+  out.hand(hand);
 }
 
 OscRefusal PerformerDecoder::take_tracker(std::string_view address, const OscMessage& message, Nanoseconds time,
@@ -150,9 +221,7 @@ OscRefusal PerformerDecoder::take_tracker(std::string_view address, const OscMes
   for (std::size_t side = 0; side < 2; ++side) {
     if (wrist_trackers_[side] != static_cast<std::int64_t>(number)) continue;
     set_wrist(tracker.pose, hand_);
-    hand_.hand.side = static_cast<std::uint32_t>(side);
-    stamps_.stamp(side, time, hand_.stamp);
-    out.hand(hand_);
+    deliver(hand_, side, time, out);
   }
   return OscRefusal::none;
 }

@@ -1,11 +1,13 @@
-// Hands and a head from the messages of a VMC performer, and wrists from OSC trackers (README.md).
+// Hands and a head from the messages of a VMC performer, wrists from OSC trackers, and plain hands (README.md).
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <string_view>
 
 #include "device/arrival_queue.hpp"
+#include "device/curl_lifter.hpp"
 #include "device/landmark_lifter.hpp"
 #include "device/refusals.hpp"
 #include "device/sample_stamps.hpp"
@@ -44,6 +46,7 @@ class PerformerDecoder {
   const Refusals<OscRefusal, kOscRefusalNames.size()>& refusals() const { return refusals_; }
 
  private:
+  static constexpr Nanoseconds kNever = std::numeric_limits<Nanoseconds>::min() / 2;
   struct Hand {
     std::array<Pose, kArmBones + kFingerBones> bones;  // local
     std::uint32_t fresh = 0;                           // of hand and fingers, since the last sample
@@ -55,20 +58,30 @@ class PerformerDecoder {
     Nanoseconds time = 0;                             // of the newest of them
   };
 
+  struct PlainHand {
+    std::array<FingerCurl, kFingerCount> fingers;
+    Nanoseconds wrist_time = kNever, curls_time = kNever;
+  };
+
   OscRefusal take_message(const OscMessage& message, Nanoseconds time, TrackerSink& out);
   OscRefusal take_bone(std::string_view name, const Pose& local, Nanoseconds time, TrackerSink& out);
   OscRefusal take_tracker(std::string_view address, const OscMessage& message, Nanoseconds time, TrackerSink& out);
+  OscRefusal take_plain(std::string_view address, const OscMessage& message, Nanoseconds time, TrackerSink& out);
   OscRefusal deliver_hand(std::size_t side, Nanoseconds time, TrackerSink& out);
+  void deliver(Skeleton& hand, std::size_t side, Nanoseconds time, TrackerSink& out);
   void deliver_head(const Pose& pose, Nanoseconds time, TrackerSink& out);
 
   const std::array<std::int64_t, 2> wrist_trackers_;  // left, right
   std::array<LandmarkLifter, 2> lifters_;
+  std::array<CurlLifter, 2> curl_lifters_;
   Pose root_;
   std::array<Pose, kTrunkBones> trunk_;
   std::array<Hand, 2> hands_;
   std::array<Tracker, 9> trackers_;  // 0 = head
+  std::array<PlainHand, 2> plain_hands_;
   SampleStamps stamps_;
   Skeleton hand_;
+  Skeleton curled_hand_;
   HeadPose head_;
   Refusals<OscRefusal, kOscRefusalNames.size()> refusals_{kOscRefusalNames};
 };

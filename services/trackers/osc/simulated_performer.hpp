@@ -1,4 +1,4 @@
-// What a VMC performer sends for given hands. For its simulator and for tests.
+// What a VMC performer, or a sender of plain hands, sends for given hands. For the simulator and for tests.
 #pragma once
 
 #include <bit>
@@ -44,6 +44,15 @@ inline std::string vmc_pose(std::string_view address, std::string_view name, con
   const Vector3& p = pose.position;
   const Quaternion& q = pose.orientation;
   return osc_message(address, name, {p.x(), p.y(), -p.z(), -q.x(), -q.y(), q.z(), q.w()});
+}
+
+/// A plain hand: first the curls of the fingers, from the thumb to the little finger, then the wrist.
+inline std::vector<std::string> plain_hand(Side side, const Pose& wrist, const std::vector<double>& curls) {
+  const std::string hand = side == Side::left ? "/hand/left/" : "/hand/right/";
+  const Vector3& p = wrist.position;
+  const Quaternion& q = wrist.orientation;
+  return {osc_message(hand + "curls", "", curls),
+          osc_message(hand + "wrist", "", {p.x(), p.y(), p.z(), q.x(), q.y(), q.z(), q.w()})};
 }
 
 /// One frame: time, root, head, trunk, arms and both hands. The joints are in the world, as OpenXR has them.
