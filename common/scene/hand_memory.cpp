@@ -27,6 +27,7 @@ void HandSimulation::save(ByteWriter& out) const {
   visit_own(*this, [&out](const auto& value) { out.write(value); });
   for (const auto& term : terms_) term->save_memory(out);
   for (const auto& hand : hands_) out.write(hand->untangler().save());
+  if (soft_) out.write(soft_->save());
 }
 
 void HandSimulation::load(ByteReader& in) {
@@ -44,6 +45,7 @@ void HandSimulation::load(ByteReader& in) {
   try {
     for (const auto& term : terms_) term->load_memory(in);
     for (const auto& hand : hands_) hand->untangler().load(in.take<Untangler::Memory>());
+    if (soft_) soft_->load(in.take<std::vector<double>>());
   } catch (const std::invalid_argument& error) {
     throw std::runtime_error(std::string("the saved state does not fit: ") + error.what());
   }

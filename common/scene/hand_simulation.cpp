@@ -360,6 +360,7 @@ void HandSimulation::take_state(const HandSimulation& other) {
   take_objects(other);
   for (std::size_t t = 0; t < terms_.size(); ++t) terms_[t]->copy_memory(*other.terms_[t]);
   for (std::size_t h = 0; h < hands_.size(); ++h) hands_[h]->untangler().load(other.hands_[h]->untangler().save());
+  if (soft_) soft_->load(other.soft_->save());
   solver_->take_factor(*other.solver_);
 }
 
@@ -399,6 +400,7 @@ void HandSimulation::untangle(const StepReport& report, double time_step) {
       if (hand->is_tissue(terms_[t].get())) energy += report.terms[t].joules;
     moved += hand->untangle(state_, time_step, energy, *inertia_);
   }
+  if (soft_) moved += soft_->untangle(state_, time_step, report.status == StepStatus::converged);
   if (moved == 0) return;
   for_each_skin([](SkinContact& skin) { skin.reset(); });
   untangled_nodes_ += static_cast<std::uint64_t>(moved);

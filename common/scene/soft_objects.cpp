@@ -1,6 +1,7 @@
 #include "scene/soft_objects.hpp"
 
 #include <Eigen/Geometry>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <cmath>
 #include <stdexcept>
@@ -69,6 +70,7 @@ SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objec
   alone_.nodes = all_.nodes;
   alone_.node_body = all_.node_body;
   masses_ = lumped_masses(all_);
+  tangled_.resize(objects_.size());
   start_.setZero(3, first_.back());
   for (int i = 0; i < count(); ++i) {
     for (int n = first_node(i); n < first_node(i + 1); ++n)
@@ -96,6 +98,13 @@ SoftObjects::Ball SoftObjects::ball(int i, const State& state) const {
     square = std::max(square, (state.node_positions.col(n) - ball.centre).squaredNorm());
   ball.radius = std::sqrt(square);
   return ball;
+}
+
+Vector3 SoftObjects::centre_of_mass(int i, const State& state) const {
+  Vector3 sum = Vector3::Zero();
+  for (int n = first_node(i); n < first_node(i + 1); ++n)
+    sum += masses_[static_cast<std::size_t>(n)] * state.node_positions.col(n);
+  return sum / mass(i);
 }
 
 double SoftObjects::fastest(int i, const State& state) const {
@@ -140,6 +149,86 @@ int SoftObjects::passing() const {
   int sum = 0;
   for (int i = 0; i < count(); ++i) sum += skin_->passing(i) ? 1 : 0;
   return sum;
+}
+
+bool SoftObjects::touches_hand(int i) const {
+  const int part = kFirstSoftPart + i;
+  return std::ranges::any_of(skin_->anchors(), [&](const SkinAnchor& anchor) {
+    const int of_point = skin_part(skin_->points()[anchor.point].body);
+    return std::max(of_point, anchor.slot) == part && std::min(of_point, anchor.slot) < kFirstSoftPart;
+  });
+}
+
+bool SoftObjects::is_inverted(int i, const State& state) const {
+  return std::ranges::any_of(objects_[static_cast<std::size_t>(i)].body->tetrahedra, [&](const auto& corners) {
+    const auto at = [&](std::size_t k) -> Vector3 { return state.node_positions.col(first_node(i) + corners[k]); };
+    return (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) < 0;
+  });
+}
+
+void SoftObjects::stop_deformation(int i, State& state) const {
+  const Vector3 centre = centre_of_mass(i, state);
+  Vector3 momentum = Vector3::Zero(), angular_momentum = Vector3::Zero();
+  Matrix3 inertia = Matrix3::Zero();
+  for (int n = first_node(i); n < first_node(i + 1); ++n) {
+    const double m = masses_[static_cast<std::size_t>(n)];
+    const Vector3 lever = state.node_positions.col(n) - centre;
+    momentum += m * state.node_velocities.col(n);
+    angular_momentum += m * lever.cross(Vector3(state.node_velocities.col(n)));
+    inertia += m * (lever.squaredNorm() * Matrix3::Identity() - lever * lever.transpose());
+  }
+  const Vector3 linear = momentum / mass(i), angular = inertia.ldlt().solve(angular_momentum);
+  for (int n = first_node(i); n < first_node(i + 1); ++n)
+    state.node_velocities.col(n) = linear + angular.cross(Vector3(state.node_positions.col(n) - centre));
+}
+
+// The rotation is the best fit of the rest shape (Kabsch 1976).
+void SoftObjects::restore_shape(int i, State& state) const {
+  const std::vector<Vector3>& rest = objects_[static_cast<std::size_t>(i)].body->nodes;
+  const double whole = mass(i);
+  const Vector3 centre = centre_of_mass(i, state);
+  Vector3 rest_centre = Vector3::Zero();
+  for (std::size_t k = 0; k < rest.size(); ++k)
+    rest_centre += masses_[static_cast<std::size_t>(first_node(i)) + k] / whole * rest[k];
+  Matrix3 covariance = Matrix3::Zero();
+  for (std::size_t k = 0; k < rest.size(); ++k) {
+    const auto n = first_node(i) + static_cast<Eigen::Index>(k);
+    covariance += masses_[static_cast<std::size_t>(n)] * (state.node_positions.col(n) - centre) *
+                  (rest[k] - rest_centre).transpose();
+  }
+  const Eigen::JacobiSVD<Matrix3> svd(covariance, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Vector3 signs = Vector3::Ones();
+  signs.z() = (svd.matrixU() * svd.matrixV().transpose()).determinant() < 0 ? -1 : 1;
+  const Matrix3 rotation = svd.matrixU() * signs.asDiagonal() * svd.matrixV().transpose();
+  for (std::size_t k = 0; k < rest.size(); ++k)
+    state.node_positions.col(first_node(i) + static_cast<Eigen::Index>(k)) =
+        centre + rotation * (rest[k] - rest_centre);
+  state.node_velocities.middleCols(first_node(i), node_count(i)).setZero();
+}
+
+int SoftObjects::untangle(State& state, double time_step, bool converged) {
+  constexpr double kLongest = 0.1;  // s
+  int moved = 0;
+  for (int i = 0; i < count(); ++i) {
+    double& tangled = tangled_[static_cast<std::size_t>(i)];
+    // The repair of the hand's tissue ends contacts, too. So contact counts only at the start.
+    const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_inverted(i, state);
+    tangled = is_tangled ? tangled + time_step : 0;
+    if (is_tangled) stop_deformation(i, state);
+    if (tangled < kLongest) continue;
+    tangled = 0;
+    restore_shape(i, state);
+    skin_->set_passing(i, true);
+    moved += node_count(i);
+  }
+  return moved;
+}
+
+void SoftObjects::load(const std::vector<double>& tangled) {
+  if (tangled.size() != objects_.size())
+    throw std::invalid_argument("flexible objects: " + std::to_string(tangled.size()) + ", expected " +
+                                std::to_string(objects_.size()));
+  tangled_ = tangled;
 }
 
 Vector3 SoftObjects::skin_force(int i) const {

@@ -25,8 +25,8 @@ namespace softhand {
 
 class SoftObjects {
  public:
-  /// `hands`: their nodes come first. Throws std::invalid_argument for a body that `validate_tetrahedra` refuses, or
-  /// for more than kMaxSoftObjects.
+  /// `hands`: their nodes come first. The bodies have passed `validate_tetrahedra` (object_file.cpp checks). Throws
+  /// std::invalid_argument for more than kMaxSoftObjects.
   SoftObjects(const TissueModel& hands, std::vector<SoftObject> objects);
 
   /// Id on the topics.
@@ -85,6 +85,18 @@ class SoftObjects {
   /// The hands pass through this many objects.
   int passing() const;
 
+  /// After a step of `time_step` seconds. If steps are cut off while a hand presses hard, hand and object can get wound
+  /// into each other. Elements of the object then stay inverted, and no later step ends at a minimum. Such an object at
+  /// once moves as a rigid body, with its momentum and angular momentum: the velocities of its nodes do not predict
+  /// their next movement. After 0.1 s it gets its rest shape where it is, and the hands pass through it as after a
+  /// reset. Returns the number of nodes that were put back; their contacts with skin must end. Adds no kinetic energy.
+  /// Does not allocate. Not in the source.
+  int untangle(State& state, double time_step, bool converged);
+  /// All that a step carries to the next one, besides the terms: for how long (s) each object has been tangled.
+  const std::vector<double>& save() const { return tangled_; }
+  /// Throws std::invalid_argument if there are other objects.
+  void load(const std::vector<double>& tangled);
+
   /// Force (N) of the hands and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
 
@@ -97,6 +109,11 @@ class SoftObjects {
 
  private:
   bool overlaps_hands(int i, const State& state) const;
+  Vector3 centre_of_mass(int i, const State& state) const;
+  bool touches_hand(int i) const;
+  bool is_inverted(int i, const State& state) const;
+  void stop_deformation(int i, State& state) const;
+  void restore_shape(int i, State& state) const;
 
   std::vector<SoftObject> objects_;
   std::vector<int> first_;
@@ -105,6 +122,7 @@ class SoftObjects {
   TissueModel alone_;                        // without the hands' tetrahedra, skin and contact points; with their nodes
   std::vector<double> masses_;
   Eigen::Matrix3Xd start_;
+  std::vector<double> tangled_;
   Tissue* tissue_ = nullptr;
   SkinContact* skin_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;

@@ -148,11 +148,12 @@ TEST(BudgetedScenes, ALoadedStateRepeatsALateGrasp) {
   EXPECT_GT(touching, 50);
 }
 
-// The tracker jumps by 15 mm for 0.1 s while the hand holds the ball. Then 175 nodes touch each other. When the
-// condensed solve had no room for them, plain factors with contact were cut off, and hand and ball stayed tangled
-// (1,676 inverted elements). Jumps in some other directions still tangle them, see docs/soft-objects.md.
+// The tracker jumps for 0.1 s while the hand holds the ball. Then up to 300 nodes touch each other, and an iteration
+// takes more than the budget. Hand and ball got wound into each other for good by most of these jumps (1,700 to 1,900
+// inverted elements, up to 900 N) before the ball was put back into its shape.
 TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
-  for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]"}) {
+  for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0.03, 0, 0]",
+                                 "[-0.018, -0.024, 0]"}) {
     const Scene scene =
         read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/ball_and_box.toml",
                    {"hand.model=right_400.hand.json", "plays=right", "tracker.teleport_at=2.2",
@@ -162,12 +163,11 @@ TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
     VirtualRig rig(
         scene, hand,
         std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
-    rig.run(4, [](const HandStepView&) {});
-    const auto summary = rig.outcome().summary(outcome_frame(scene, VirtualRig::kStart));
-    const double force = summary["finger_force_max_n"].get<double>();
+    int tangled = 0;
+    rig.run(3, [&](const HandStepView&) { tangled += rig.hand().simulation().inverted_elements() > 0 ? 1 : 0; });
     const int inverted = rig.hand().simulation().inverted_elements();
-    std::printf("  jump by %s m: at most %.1f N on a finger, %d inverted at the end\n", jump, force, inverted);
-    EXPECT_LT(force, 100) << jump;
+    std::printf("  jump by %s m: %d steps with inverted elements, %d at the end\n", jump, tangled, inverted);
+    EXPECT_LT(tangled, 20) << jump;
     EXPECT_EQ(inverted, 0) << jump;
   }
 }
