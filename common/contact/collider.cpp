@@ -87,6 +87,7 @@ bool Collider::begin_step(const State& state, double time_step, const PointGroup
 }
 
 void Collider::end_step(const State& state) {
+  moved_ = turned_ = Vector3::Zero();
   if (is_fixed()) return;
   end_pose_ = body_pose(state);
   moved_ = end_pose_.position - start_pose_.position;

@@ -130,6 +130,11 @@ double excess(double q, const JointLaw& law) {
 
 bool holds_one_axis(ObjectJointKind kind) { return kind == ObjectJointKind::hinge || kind == ObjectJointKind::screw; }
 
+// What the steps left. The motion of a prescribed parent stays: the caller set it.
+void forget(ObjectJointEnergy::Memory::Joint& joint) {
+  joint = {.parent = joint.parent, .parent_velocity = joint.parent_velocity};
+}
+
 }  // namespace
 
 ObjectJointEnergy::ObjectJointEnergy(DofLayout layout, int first_body, int bodies, int places)
@@ -154,15 +159,12 @@ void ObjectJointEnergy::set_joint(int place, const ObjectJoint& joint) {
   j = {};
   j.set = true;
   j.model = joint;
-  Memory::Joint fresh;
-  fresh.parent = memory_.joints[static_cast<std::size_t>(place)].parent;
-  fresh.parent_velocity = memory_.joints[static_cast<std::size_t>(place)].parent_velocity;
-  memory_.joints[static_cast<std::size_t>(place)] = fresh;
+  forget(memory_.joints[static_cast<std::size_t>(place)]);
 }
 
 void ObjectJointEnergy::clear_joint(int place) {
   at(place).set = false;
-  memory_.joints[static_cast<std::size_t>(place)].anchored = false;
+  forget(memory_.joints[static_cast<std::size_t>(place)]);
 }
 
 void ObjectJointEnergy::set_parent_motion(int place, const Pose& pose, const Twist& velocity) {
@@ -178,10 +180,7 @@ void ObjectJointEnergy::load(const Memory& memory) {
 }
 
 void ObjectJointEnergy::reset() {
-  for (Memory::Joint& joint : memory_.joints) {
-    joint.anchored = false;
-    joint.direction = 0;
-  }
+  for (Memory::Joint& joint : memory_.joints) forget(joint);
 }
 
 JointPose ObjectJointEnergy::pose_of(const Joint& joint, const State& state, const Pose& prescribed) const {
@@ -190,17 +189,23 @@ JointPose ObjectJointEnergy::pose_of(const Joint& joint, const State& state, con
           state.body_poses[static_cast<std::size_t>(model.child)], model.parent_from_joint, model.child_from_joint};
 }
 
+double ObjectJointEnergy::coordinate(const Joint& joint, const Memory::Joint& memory, const JointPose& pose) {
+  const JointLaw& law = joint.model.law;
+  return memory.stepped ? joint_coordinate(law, pose, memory.coordinate) : joint_coordinate(law, pose);
+}
+
 double ObjectJointEnergy::coordinate(int place, const State& state) const {
   const Joint& joint = at(place);
-  if (!joint.set || !joint.model.law.has_coordinate()) return 0;
-  return joint_coordinate(joint.model.law,
-                          pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
+  const Memory::Joint& memory = memory_.joints[static_cast<std::size_t>(place)];
+  return joint.set ? coordinate(joint, memory, pose_of(joint, state, memory.parent)) : 0;
 }
 
 double ObjectJointEnergy::gap(int place, const State& state) const {
   const Joint& joint = at(place);
   if (!joint.set) return 0;
-  return held_gap(joint.model.law, pose_of(joint, state, memory_.joints[static_cast<std::size_t>(place)].parent));
+  const Memory::Joint& memory = memory_.joints[static_cast<std::size_t>(place)];
+  const JointPose pose = pose_of(joint, state, memory.parent);
+  return held_gap(joint.model.law, pose, coordinate(joint, memory, pose));
 }
 
 double ObjectJointEnergy::misalignment(int place, const State& state) const {
@@ -282,12 +287,11 @@ void ObjectJointEnergy::begin_step(const State& state, double time_step) {
     joint.damping = law.damping / time_step;
 
     const JointPose pose = pose_of(joint, state, memory.parent);
-    const Twist still;
     const Twist& of_parent =
         model.parent < 0 ? parent_velocity : state.body_velocities[static_cast<std::size_t>(model.parent)];
+    joint.start = coordinate(joint, memory, pose);
     double rate = 0;
     if (law.has_coordinate()) {
-      joint.start = joint_coordinate(law, pose);
       rate = joint_row(law, pose, joint.start)
                  .rate(of_parent, state.body_velocities[static_cast<std::size_t>(model.child)]);
     }
@@ -457,11 +461,13 @@ void ObjectJointEnergy::end_step(State& state) {
     memory.anchor_turn = joint.anchor_turn;
     memory.anchored = joint.friction.bound > 0;
     memory.friction_stiffness = law.load_friction > 0 ? joint.friction.stiffness : 0;
-    if (law.load_friction > 0) memory.reaction = joint.offset_stiffness * held_gap(law, pose);
+    memory.stepped = true;
     if (law.has_coordinate()) {
-      const double moved = joint_row(law, pose, joint.start).value - joint.start;
+      memory.coordinate = joint_row(law, pose, joint.start).value;
+      const double moved = memory.coordinate - joint.start;
       damper = 0.5 * joint.damping * moved * moved;
     }
+    if (law.load_friction > 0) memory.reaction = joint.offset_stiffness * held_gap(law, pose, memory.coordinate);
     if (joint.friction.bound > 0) {
       const double stretch = friction_stretch(joint, pose);
       const double slide = joint.friction.slide(std::abs(stretch), joint.friction.bound);

@@ -64,7 +64,7 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   /// with this velocity until the next call. Static at the origin at first.
   void set_parent_motion(int place, const Pose& pose, const Twist& velocity = {});
 
-  /// q from the poses. 0 for a fixed joint and a ball.
+  /// q. 0 for a fixed joint and a ball.
   double coordinate(int place, const State& state) const;
   /// Distance (m) of the two frames in the held directions.
   double gap(int place, const State& state) const;
@@ -76,6 +76,8 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   /// All that a step carries to the next one.
   struct Memory {
     struct Joint {
+      bool stepped = false;                             // the coordinate is valid
+      double coordinate = 0;                            // q at the end of the step; it tells the turns of a screw
       bool anchored = false;                            // the anchor is valid
       double anchor = 0;                                // of the friction, a value of q
       Quaternion anchor_turn = Quaternion::Identity();  // ball: relative rotation at the anchor
@@ -91,7 +93,7 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   const Memory& save() const { return memory_; }
   /// The same joints must be set. Throws std::invalid_argument if `memory` has another number of places.
   void load(const Memory& memory);
-  /// Forgets the anchors: the friction of every joint starts without stretch. Prescribed parents keep their poses.
+  /// Forgets anchors, reactions and turns, as if every joint were set anew. Prescribed parents keep their poses.
   void reset();
 
   std::string_view name() const override { return "object_joint"; }
@@ -128,6 +130,7 @@ class ObjectJointEnergy final : public EnergyWithMemory<ObjectJointEnergy> {
   double evaluate(const Joint& joint, const State& state, Vector12* gradient, Matrix12* hessian,
                   Curvature curvature) const;
   JointPose pose_of(const Joint& joint, const State& state, const Pose& prescribed) const;
+  static double coordinate(const Joint& joint, const Memory::Joint& memory, const JointPose& pose);
   void set_friction(Joint& joint, const Memory::Joint& memory, const JointPose& pose, double least_stiffness) const;
   double friction_stretch(const Joint& joint, const JointPose& pose) const;
 

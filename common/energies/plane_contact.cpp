@@ -216,7 +216,7 @@ void PlaneContact::begin_plane(Slot& slot, Plane& plane, const Pose& body, const
     point.stiffness = k + damping;
     point.spring = k;
     point.start_height = std::min(start, 0.0);
-    point.target = damping / point.stiffness * point.start_height;
+    point.target = point.stiffness > 0 ? damping / point.stiffness * point.start_height : 0;
     point.fresh = start - plane.normal.dot(plane_motion) >= point.target && predicted < point.target;
     point.stretch_start = point.stretch - plane.normal.dot(point.stretch) * plane.normal;
     const Vector3 movement = next * point.material - point.material_start - plane_motion;

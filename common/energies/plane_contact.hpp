@@ -8,9 +8,11 @@
 // Stiffness and damping form one square: K = k + b/dt and u* = (b/dt)/K min(u_0, 0). u_0 is the height at the step's
 // start. So the damping acts from the surface on and never pulls.
 //
-// k and b are equal shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm) and b_A = 2 sqrt(k_A m). A share is 1 divided by
-// the sum of the points' weights. The weight of a point falls from 1 at the lowest height to 0 at 1 mm above it. So a
-// plane as a whole has k_A whether a corner, an edge or a face rests on it.
+// k and b are equal shares of k_A = max(10 kN/m, (m |g| + 5 N)/0.5 mm) and b_A = 2 sqrt(k_A m). If the neighbour is
+// compliant, k_A is at most 0.2 of its stiffness, because more would not be stable. A compliant neighbour without
+// stiffness pushes nothing: K = 0, and u* counts as 0. A share is 1 divided by the sum of the points' weights. The
+// weight of a point falls from 1 at the lowest height to 0 at 1 mm above it. So a plane as a whole has k_A whether a
+// corner, an edge or a face rests on it.
 //
 // As in contact.hpp, a point that is about to reach its plane is held from both sides, until an iteration has moved it
 // (`revise`). The friction's bound uses the normal force at the end of the last step. A fresh point has no such force:
@@ -80,8 +82,7 @@ class PlaneContact final : public EnergyWithMemory<PlaneContact> {
   /// The objects were repositioned: all contacts end. Planes stay.
   void reset();
   /// Sets the planes as they are at the start of the next step. Then they move with their velocity until they are set
-  /// again. A plane keeps its friction state if its neighbour had a plane before with a normal within 26 degrees. The
-  /// plane of a compliant neighbour uses at most 0.2 of the neighbour's stiffness, because more would not be stable.
+  /// again. A plane keeps its friction state if its neighbour had a plane before with a normal within 26 degrees.
   void set_planes(int slot, std::span<const NeighbourPlane> planes);
 
   /// Wrench of all planes on the object in the last step, about its centre of mass, world axes.

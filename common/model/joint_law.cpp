@@ -152,23 +152,27 @@ Matrix3 JointPose::twist_second_derivative() const {
 }
 
 double joint_coordinate(const JointLaw& law, const JointPose& pose) {
-  if (law.kind == ObjectJointKind::slider) return pose.offset(1).value;
-  const double angle = pose.twist().value;
+  const bool screw = law.kind == ObjectJointKind::screw;
+  return joint_coordinate(law, pose, screw ? kTurn / law.pitch * pose.offset(1).value : 0);
+}
+
+double joint_coordinate(const JointLaw& law, const JointPose& pose, double last) {
+  if (!law.has_coordinate()) return 0;
   double near = 0;
   if (law.kind == ObjectJointKind::screw) {
-    near = kTurn / law.pitch * pose.offset(1).value;
+    near = last;
   } else if (std::isfinite(law.minimum) && std::isfinite(law.maximum)) {
     near = 0.5 * (law.minimum + law.maximum);
   } else if (law.stiffness > 0) {
     near = law.rest;
   }
-  return near + std::remainder(angle - near, kTurn);
+  return joint_row(law, pose, near).value;
 }
 
-double held_gap(const JointLaw& law, const JointPose& pose) {
+double held_gap(const JointLaw& law, const JointPose& pose, double q) {
   Vector3 offset(pose.offset(0).value, pose.offset(1).value, pose.offset(2).value);
   if (law.kind == ObjectJointKind::slider) offset.y() = 0;
-  if (law.kind == ObjectJointKind::screw) offset.y() -= law.pitch / kTurn * joint_coordinate(law, pose);
+  if (law.kind == ObjectJointKind::screw) offset.y() -= law.pitch / kTurn * q;
   return offset.norm();
 }
 

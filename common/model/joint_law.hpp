@@ -117,11 +117,15 @@ struct JointPose {
   Matrix3 twist_second_derivative() const;
 };
 
-/// Coordinate q of a hinge, a slider or a screw from the poses alone. The turn of a hinge is the one nearest to the
-/// middle of its limits, or to the rest of its spring, or to 0. The turn of a screw is the one nearest to its place.
+/// Coordinate q of a hinge, a slider or a screw from the poses alone, and 0 for the other kinds. The turn of a hinge is
+/// the one nearest to the middle of its limits, or to the rest of its spring, or to 0. The turn of a screw is the one
+/// nearest to its place along the axis. A load can open a screw by more than half of its pitch. So the place gives the
+/// turn only at the start.
 double joint_coordinate(const JointLaw& law, const JointPose& pose);
-/// Distance (m) of the two frames in the directions that the joint holds.
-double held_gap(const JointLaw& law, const JointPose& pose);
+/// The same in a later step: the turn of a screw is the one nearest to its coordinate `last` before the step.
+double joint_coordinate(const JointLaw& law, const JointPose& pose, double last);
+/// Distance (m) of the two frames in the directions that the joint holds, at its coordinate q.
+double held_gap(const JointLaw& law, const JointPose& pose, double q);
 /// The row of q, with the turn nearest to `near`.
 JointRow joint_row(const JointLaw& law, const JointPose& pose, double near);
 

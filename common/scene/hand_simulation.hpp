@@ -97,8 +97,10 @@ class HandSimulation {
   int slot_count() const { return mirrored_slots_ + static_slots_; }
   bool slot_is_static(int slot) const { return slot >= mirrored_slots_; }
 
-  /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Its velocities become zero and its
-  /// contacts end. With them end all contacts between hands and of flexible objects.
+  /// Moves the whole hand rigidly, so that the pose of its wrist joint is `wrist`. Its velocities become zero, and its
+  /// contacts with the objects in the slots end. All contacts between hands end, and all contacts of flexible objects
+  /// with hands and each other. The hand's contact with its own skin stays, because it moves with the hand. Contacts of
+  /// flexible objects with the objects in the slots stay too.
   void reposition(const Pose& wrist, int hand = 0);
   /// Continues from another state of the same layout, for example a stored one. Contacts end and the energy ledger
   /// restarts. Throws std::invalid_argument if the layout differs.

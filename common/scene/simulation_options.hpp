@@ -49,7 +49,7 @@ inline void describe(OptionVisitor& v, SimulationOptions& o) {
   v.number("coupling_damping_ratio", o.coupling_damping_ratio, "1", {0, 5},
            "Damping of each bone relative to the skeleton that it is coupled to. 1 = critical for the bone and the "
            "tissue around it. With higher values the bone follows the noise of a tracker's velocity.");
-  v.number("contact_stiffness", o.contact_stiffness, "N/m^3", {1e4, 1e12},
+  v.number("contact_stiffness", o.contact_stiffness, "N/m^3", {1e4, 1e11},
            "k_c of eqs. 32 and 33: the contact stiffness of the skin per area.");
   v.flag("skin_contact", o.skin_contact,
          "The skin of the hand touches itself: finger against finger, finger against palm, and the thumb across the "

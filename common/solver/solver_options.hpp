@@ -62,8 +62,8 @@ inline void describe(OptionVisitor& v, SolverOptions& o) {
            "mean square). None of them may move by more than seven times this. The remaining error is a fraction of "
            "this. 0: never.");
   v.flag("line_search", o.line_search,
-         "Search along each iteration's direction, on the energy. Without it, steps of one or two iterations throw "
-         "gripped objects.");
+         "Search along each iteration's direction, on the energy. Without it, a step can add energy to the scene, also "
+         "with 60 iterations. Steps of one or two iterations throw gripped objects.");
   v.flag("measure_result", o.measure_result,
          "Evaluate energy and residual of the result. Without it, a fast step reports those of its start.");
   v.choice("curvature", o.curvature, {"adaptive", "projected", "exact"},

@@ -32,7 +32,8 @@ struct EngineJoint {
   std::size_t child = 0;   ///< slot
   Pose parent_from_joint;  ///< the joint's frame in the parent's body frame
   Pose child_from_joint;
-  double reaction = 0;  ///< N, `reaction` of an earlier step, if the joint continues from one
+  double reaction = 0;    ///< N, `reaction` of an earlier step, if the joint continues from one
+  double coordinate = 0;  ///< q at the bodies' poses, or in a step before: the turn of a screw is the one nearest to it
 };
 
 /// Uniform solid of unit density: the convex hull of some points.
@@ -62,12 +63,13 @@ class PhysicsEngine {
   virtual void set_passive(std::size_t number, bool passive) = 0;
   /// Force (N) with which the joint held its bodies together in the last step, across a slider's axis.
   virtual double reaction(std::size_t number) const = 0;
+  /// Coordinate of the joint at the start of the last step (`joint_coordinate`).
+  virtual double coordinate(std::size_t number) const = 0;
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;
-  /// Forgets everything that it carries from step to step: contacts, impulses but the reactions of
-  /// joints, sleep, and the order in which objects
-  /// came. Then it equals a new engine with these objects and joints, in the order of slots and numbers, at rest.
-  /// Allocates nothing.
+  /// Forgets everything that it carries from step to step: contacts, impulses, sleep, and the order in which objects
+  /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects and
+  /// joints, in the order of slots and numbers, at rest. Allocates nothing.
   virtual void forget() = 0;
   /// Makes one step of `dt` seconds without sub-steps.
   virtual void step(double dt) = 0;

@@ -20,8 +20,10 @@ constexpr double kForceStall = 0.030;   // s; older contact forces are ignored
 constexpr double kMotionStall = 0.100;  // s; older velocities are ignored
 constexpr double kVanished = 0.500;     // s; an older owner has vanished
 constexpr double kHandOver = 0.200;     // s; a hand that does not claim the object until then does not become its owner
-constexpr double kClaimHoldoff = 0.200;  // s after a move; until then, claims by hands that may not know the new place
-                                         // are ignored
+// s after a move, and after the first coupling of a hand. Until then, claims by hands that may not know the place are
+// ignored.
+constexpr double kClaimHoldoff = 0.200;
+constexpr std::size_t kMostHands = 64;   // as many as a reader of couplings follows
 constexpr double kNearestPlane = 0.005;  // m
 constexpr double kFarthestPlane = 0.050;
 constexpr double kTouching = 0.001;  // m; nearer neighbours take part of the hand's force
@@ -58,6 +60,7 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
   for (const std::string& text : check_world(options, objects, hand_step, joints))
     wrong += (wrong.empty() ? "" : "\n") + text;
   if (!wrong.empty()) throw std::invalid_argument(wrong);
+  hands_.reserve(kMostHands);
   objects_.reserve(objects.size());
   for (const ObjectOptions& from : objects) {
     Object& object = objects_.emplace_back();
@@ -138,6 +141,7 @@ void WorldLoop::attach(std::size_t slot) {
     if (joint.present || (joint.engine.parent != slot && joint.engine.child != slot) ||
         !objects_[joint.engine.parent].present || !objects_[joint.engine.child].present)
       continue;
+    joint.engine.coordinate = softhand::joint_coordinate(joint.engine.law, pose_of(joint));
     engine_->add_joint(j, joint.engine);
     joint.present = true;
     if (joint_descriptions_[j].removed == 0) continue;
@@ -174,14 +178,15 @@ const WorldLoop::Joint& WorldLoop::find_joint(std::string_view name) const {
   throw std::invalid_argument("no joint has the name '" + std::string(name) + "'");
 }
 
-double WorldLoop::joint_coordinate(std::string_view name) const {
-  const Joint& joint = find_joint(name);
-  return joint.engine.law.has_coordinate() ? softhand::joint_coordinate(joint.engine.law, pose_of(joint)) : 0;
+double WorldLoop::coordinate_of(const Joint& joint) const {
+  return softhand::joint_coordinate(joint.engine.law, pose_of(joint), joint.engine.coordinate);
 }
+
+double WorldLoop::joint_coordinate(std::string_view name) const { return coordinate_of(find_joint(name)); }
 
 double WorldLoop::joint_gap(std::string_view name) const {
   const Joint& joint = find_joint(name);
-  return held_gap(joint.engine.law, pose_of(joint));
+  return held_gap(joint.engine.law, pose_of(joint), coordinate_of(joint));
 }
 
 /// Adds an object to the engine at its start pose, at rest.
@@ -251,6 +256,28 @@ void WorldLoop::restore_all() {
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) attach(slot);
 }
 
+void WorldLoop::meet_hands(Nanoseconds now, const WorldInput& input) {
+  const auto is_in = [](const auto& list, const HandKey& key, auto key_of) {
+    return std::any_of(list.begin(), list.end(), [&](const auto& each) { return each.*key_of == key; });
+  };
+  for (const ObjectCoupling& coupling : input.couplings) {
+    if (is_in(hands_, coupling.hand, &KnownHand::key)) continue;
+    if (hands_.size() == kMostHands) {
+      std::erase_if(hands_,
+                    [&](const KnownHand& each) { return !is_in(input.couplings, each.key, &ObjectCoupling::hand); });
+    }
+    if (hands_.size() < kMostHands) hands_.push_back({coupling.hand, now});
+  }
+}
+
+/// A hand that the world hears for the first time may not know this world yet. It may hold an object where an earlier
+/// world had it.
+bool WorldLoop::is_new(const HandKey& hand, Nanoseconds now) const {
+  return std::none_of(hands_.begin(), hands_.end(), [&](const KnownHand& each) {
+    return each.key == hand && age_of(each.since, now).value_or(0) >= kClaimHoldoff;
+  });
+}
+
 void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& input) {
   Object& object = objects_[slot];
   const auto id = static_cast<std::uint32_t>(slot + 1);
@@ -295,7 +322,7 @@ void WorldLoop::follow(std::size_t slot, Nanoseconds now, const WorldInput& inpu
       ++counters_.refused_nonfinite;
       continue;
     }
-    if (object.put && (symmetric || twin->owned != 0)) {
+    if ((object.put || is_new(coupling->hand, now)) && (symmetric || twin->owned != 0)) {
       still_held = true;
       continue;
     }
@@ -442,6 +469,7 @@ void WorldLoop::stop_at_planes(const Object& object, const Follower& follower, W
 const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
   for (const ObjectCoupling& coupling : input.couplings)
     if (age_of(coupling.stamp.sample_time, now)) newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
+  meet_hands(now, input);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (objects_[slot].present && objects_[slot].dynamic) follow(slot, now, input);
   // The hand computes friction, spring and detents of the objects that it owns. Its wrench on the twin has them.
@@ -450,8 +478,11 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
       engine_->set_passive(j, objects_[joints_[j].engine.parent].owned || objects_[joints_[j].engine.child].owned);
   }
   engine_->step(step_);
-  for (std::size_t j = 0; j < joints_.size(); ++j)
-    if (joints_[j].present) joints_[j].engine.reaction = engine_->reaction(j);
+  for (std::size_t j = 0; j < joints_.size(); ++j) {
+    if (!joints_[j].present) continue;
+    joints_[j].engine.reaction = engine_->reaction(j);
+    joints_[j].engine.coordinate = engine_->coordinate(j);
+  }
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     Object& object = objects_[slot];
     if (!object.present || !object.dynamic) continue;
@@ -670,9 +701,9 @@ double WorldLoop::energy() const {
   for (const Joint& joint : joints_) {
     if (!joint.present) continue;
     const JointLaw& law = joint.engine.law;
-    const JointPose pose = pose_of(joint);
-    if (law.has_coordinate()) sum += law.potential(softhand::joint_coordinate(law, pose)).energy;
-    if (law.kind == ObjectJointKind::ball) sum += law.stiffness * (1 - std::cos(rotation_log(pose.relative).norm()));
+    if (law.has_coordinate()) sum += law.potential(coordinate_of(joint)).energy;
+    if (law.kind == ObjectJointKind::ball)
+      sum += law.stiffness * (1 - std::cos(rotation_log(pose_of(joint).relative).norm()));
   }
   return sum;
 }

@@ -132,6 +132,11 @@ class WorldLoop {
     bool present = false;
   };
 
+  struct KnownHand {
+    HandKey key;
+    Nanoseconds since = 0;  ///< time of the first step with its coupling
+  };
+
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
   void make_joints(const std::vector<JointOptions>& joints);
@@ -140,6 +145,7 @@ class WorldLoop {
   void detach(std::size_t slot);
   bool are_jointed(std::size_t one, std::size_t other) const;
   JointPose pose_of(const Joint& joint) const;
+  double coordinate_of(const Joint& joint) const;
   const Joint& find_joint(std::string_view name) const;
   void place_objects();
   void set_engine(const std::array<bool, kMaxObjects>& asleep);
@@ -149,6 +155,8 @@ class WorldLoop {
   void restore_all();
   void describe(std::size_t slot, bool removed);
   void take_from_hands(Object& object);
+  void meet_hands(Nanoseconds now, const WorldInput& input);
+  bool is_new(const HandKey& hand, Nanoseconds now) const;
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
@@ -166,6 +174,7 @@ class WorldLoop {
   Vector3 gravity_;
   std::unique_ptr<PhysicsEngine> engine_;
   std::vector<Object> objects_;
+  std::vector<KnownHand> hands_;
   std::vector<ObjectDescription> descriptions_;
   std::vector<Joint> joints_;
   std::vector<ObjectJointDescription> joint_descriptions_;

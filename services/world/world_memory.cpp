@@ -28,6 +28,7 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
   for (auto& joint : self.joints_) {
     visit(joint.present);
     visit(joint.engine.reaction);
+    visit(joint.engine.coordinate);
   }
   for (auto& description : self.descriptions_) {
     visit(description.removed);
@@ -37,6 +38,7 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
     visit(description.removed);
     visit(description.stamp.sequence);
   }
+  visit(self.hands_);
   visit(self.descriptions_version_);
   visit(self.counters_);
   visit(self.newest_input_);

@@ -1,6 +1,7 @@
 // A mirrored object on the world's planes: derivatives, rest depth, the block on the slope, rolling.
 #include <gtest/gtest.h>
 
+#include <cfenv>
 #include <cmath>
 
 #include "energies/dense_step.hpp"
@@ -194,6 +195,20 @@ TEST(PlaneContact, MemoryRepeatsTheBits) {
   testing::check_memory(body.planes, body.state, [&](State&) { body.run(1, 1.0 / 90); });
   PlaneContact empty({1, 1}, 0, 1);
   EXPECT_THROW(empty.load(body.planes.save()), std::invalid_argument);
+}
+
+TEST(PlaneContact, ACompliantNeighbourWithoutStiffnessPushesNothing) {
+  NeighbourPlane plane = table(0.6);
+  plane.kind = kNeighbourCompliant;
+  plane.stiffness = 0;
+  Body body(kCube, 0.05, Vector3::Zero(), plane);
+  body.state.body_poses[0].position = Vector3(0, 0.019, 0);
+  std::feclearexcept(FE_INVALID);
+  body.planes.begin_step(body.state, 0.004);
+  EXPECT_FALSE(std::fetestexcept(FE_INVALID)) << "0/0";
+  EXPECT_EQ(body.planes.value(body.state), 0);
+  body.run(3, 0.004);
+  EXPECT_EQ(body.position(), Vector3(0, 0.019, 0));
 }
 
 TEST(PlaneContact, ClearedObjectIsFree) {

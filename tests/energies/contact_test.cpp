@@ -28,6 +28,26 @@ TEST(Contact, RestDepthIsWeightOverStiffness) {
   EXPECT_EQ(scene.rig.contacts.count(), 3);
 }
 
+TEST(Collider, AnObjectThatBecomesFixedMovesByNothing) {
+  const ShapeGeometry ball(shape_of(ShapeKind::sphere, {0.01, 0, 0}));
+  const PointGroups no_points({}, [](std::int32_t) { return std::span<const std::int32_t>(); });
+  Collider collider(0, 0, true);
+  collider.set(ball, ContactObject::moving);
+  State state;
+  state.body_poses.resize(1);
+  state.body_velocities.resize(1);
+  collider.begin_step(state, 0.01, no_points);
+  state.body_poses[0] = {Vector3(0.1, 0, 0), rotation_exp(Vector3(0, 0.2, 0))};
+  collider.end_step(state);
+  EXPECT_NEAR(collider.moved().norm(), 0.1, 1e-12);
+  EXPECT_NEAR(collider.turned().norm(), 0.2, 1e-12);
+  collider.set(ball, ContactObject::fixed);
+  collider.begin_step(state, 0.01, no_points);
+  collider.end_step(state);
+  EXPECT_EQ(collider.moved().norm(), 0);
+  EXPECT_EQ(collider.turned().norm(), 0);
+}
+
 TEST(Contact, ReleasesNodesThatMoveAway) {
   NodesOnPlane scene(1.0);
   scene.gravity(0);

@@ -322,6 +322,33 @@ TEST(ObjectJoint, AScrewAdvancesByItsPitch) {
   EXPECT_LE(body.term.misalignment(0, body.state), 1e-4);
 }
 
+TEST(ObjectJoint, AScrewThatALoadOpensByMoreThanHalfItsPitchKeepsItsTurn) {
+  // Friction holds the thread, and the held offset opens by F/k with k = 1000 m/dt^2.
+  const double force = 40, opening = force * kStep * kStep / (1000 * OneBody::mass);
+  JointLaw law = law_of(ObjectJointKind::screw);
+  law.friction = 0.5;
+  for (const double share : {0.7, 1.1, 2.6}) {
+    law.pitch = opening / share;
+    OneBody body(law, {0, -force / OneBody::mass, 0});
+    for (int i = 0; i < 45; ++i) body.step();
+    OneBody loaded(law, {0, -force / OneBody::mass, 0});
+    loaded.state = body.state;
+    loaded.term.load(body.term.save());
+    EXPECT_EQ(loaded.q(), body.q());
+    for (int i = 0; i < 45; ++i) {
+      body.step();
+      loaded.step();
+    }
+    EXPECT_EQ(loaded.state.body_poses[0].position, body.state.body_poses[0].position);
+    EXPECT_NEAR(body.state.body_poses[0].position.y(), -opening, 0.02 * opening) << share;
+    EXPECT_NEAR(body.term.gap(0, body.state), opening, 0.02 * opening) << share;
+    EXPECT_NEAR(body.q(), 0, 0.01) << share;
+    // A joint that is set anew, or reset, takes the turn of its place.
+    body.term.reset();
+    EXPECT_NEAR(body.q(), -std::round(share) * 2 * kPi, 0.01);
+  }
+}
+
 // A push button: a spring that is compressed at rest against the upper limit, and a hump that snaps.
 JointLaw button() {
   JointLaw law = law_of(ObjectJointKind::slider);
@@ -480,6 +507,29 @@ TEST_P(ObjectJointKinds, AStepThatDoesNotEndHasNoEffectAndMemoryRepeatsTheBits) 
   for (std::size_t b = 0; b < 2; ++b) {
     EXPECT_EQ(state.body_poses[b].position, expected.body_poses[b].position);
     EXPECT_EQ(state.body_poses[b].orientation.coeffs(), expected.body_poses[b].orientation.coeffs());
+  }
+}
+
+TEST_P(ObjectJointKinds, AfterAResetTheTermStepsLikeAFreshOne) {
+  const ObjectJoint joint = with_laws(GetParam());
+  const auto stepped = [&joint](State state, int earlier_steps) {
+    Inertia inertia({1.0}, 2);
+    inertia.set_dynamic(0, joint.parent_mass, joint.parent_inertia, Vector3::Zero());
+    inertia.set_dynamic(1, joint.child_mass, joint.child_inertia, Vector3(0, -1, 0));
+    ObjectJointEnergy term({1, 2}, 0, 2, 1);
+    term.set_joint(0, joint);
+    DenseStepper stepper({&inertia, &term}, state);
+    State earlier = state;
+    for (int i = 0; i < earlier_steps; ++i) stepper.step(earlier, kStep);
+    term.reset();
+    for (int i = 0; i < 3; ++i) stepper.step(state, kStep);
+    return state;
+  };
+  const State start = posed(joint, 0, 0);
+  const State fresh = stepped(start, 0), reset = stepped(start, 10);
+  for (std::size_t b = 0; b < 2; ++b) {
+    EXPECT_EQ(reset.body_poses[b].position, fresh.body_poses[b].position);
+    EXPECT_EQ(reset.body_poses[b].orientation.coeffs(), fresh.body_poses[b].orientation.coeffs());
   }
 }
 

@@ -152,8 +152,8 @@ TEST(BudgetedScenes, ALoadedStateRepeatsALateGrasp) {
 // takes more than the budget. Hand and ball got wound into each other for good by most of these jumps (1,700 to 1,900
 // inverted elements, up to 900 N) before the ball was put back into its shape.
 TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
-  for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0.03, 0, 0]",
-                                 "[-0.018, -0.024, 0]"}) {
+  for (const char* const jump :
+       {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0.03, 0, 0]", "[-0.018, -0.024, 0]"}) {
     const Scene scene =
         read_scene(std::string(SOFTHAND_SOURCE_DIR) + "/config/scenes/ball_and_box.toml",
                    {"hand.model=right_400.hand.json", "plays=right", "tracker.teleport_at=2.2",

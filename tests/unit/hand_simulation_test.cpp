@@ -15,6 +15,7 @@
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
+#include "runtime/config.hpp"
 #include "scene/rest_error.hpp"
 #include "solver/block_cholesky.hpp"
 #include "support/cores.hpp"
@@ -39,6 +40,14 @@ TEST(HandSimulation, ANewHandHasNoContactForces) {
   auto* hand = new (memory.data()) HandSimulation(testing::block_hand(2), {}, 0, 0);
   for (const Vector3& force : hand->bone_contact_forces()) EXPECT_EQ(force, Vector3::Zero());
   std::destroy_at(hand);
+}
+
+// At 1e12 a power grasp gains energy without bound. `softhand report stress` sweeps up to 1e11.
+TEST(HandSimulation, RefusesAContactStiffnessThatAddsEnergy) {
+  SimulationOptions options;
+  apply_override(options, "contact_stiffness=1e11");
+  EXPECT_EQ(options.contact_stiffness, 1e11);
+  EXPECT_THROW(apply_override(options, "contact_stiffness=1.1e11"), ConfigError);
 }
 
 TEST(HandSimulation, RestIsStationary) {

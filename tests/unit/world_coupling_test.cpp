@@ -56,6 +56,7 @@ struct Rig {
             }(),
             {table(), cube(mass, height)}, 1 / hand_hz),
         world_next(0.37 * world_step) {
+    test::accept_claims(world);
     twin.mass = mass;
     twin.pose.position = {0, height, 0};
   }
@@ -445,6 +446,7 @@ TEST(WorldCoupling, AFloatingObjectFallsOnlyAfterItWasTouched) {
   o.floating = true;
   WorldLoop world({}, {table(), o});
   Nanoseconds now = 0;
+  test::accept_claims(world);
   for (int i = 0; i < 250; ++i) EXPECT_NEAR(object(world.step(now += 4000000, {}), 2).position[1], 0.5, 1e-6);
   ObjectCoupling c;
   c.step_period = 1.0 / 90;

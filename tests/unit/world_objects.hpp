@@ -1,6 +1,7 @@
 // A table, a cube, and access to their states in a world's output.
 #pragma once
 
+#include <array>
 #include <stdexcept>
 
 #include "messages/convert.hpp"
@@ -21,6 +22,13 @@ inline ObjectOptions cube(double mass, double height) {
   o.mass = mass;
   o.position = {0, height, 0};
   return o;
+}
+/// Makes one step of a new world long before the time 0. From then on the world accepts claims of the hands of user 0.
+inline void accept_claims(WorldLoop& world) {
+  std::array<ObjectCoupling, 2> hands;
+  hands[0].hand = {0, 0};
+  hands[1].hand = {0, 1};
+  world.step(-1'000'000'000, {hands});
 }
 inline const ObjectState& object(const WorldOutput& out, std::uint32_t id) {
   for (const ObjectState& state : out.objects.objects)

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <limits>
+#include <span>
 #include <vector>
 
 #include "messages/newest_couplings.hpp"
@@ -15,12 +16,14 @@
 namespace softhand::world_owner_test {
 namespace {
 
+using test::accept_claims;
 using test::cube;
 using test::object;
 using test::table;
 
 TEST(WorldCoupling, KeepsTheFirstOwnerAndRefusesANonFiniteTwin) {
   WorldLoop world({}, {table(), cube(0.05, 0.3)});
+  accept_claims(world);
   std::array<ObjectCoupling, 2> couplings;
   for (std::uint32_t side : {0u, 1u}) {
     ObjectCoupling& c = couplings[side];
@@ -55,6 +58,7 @@ TEST(WorldCoupling, KeepsTheFirstOwnerAndRefusesANonFiniteTwin) {
 // Two hands and one cube in the air. Each hand has a twin of it.
 struct TwoHands {
   TwoHands() : world({}, {table(), cube(0.05, 0.3)}) {
+    accept_claims(world);
     for (std::uint32_t side : {0u, 1u}) {
       couplings[side].hand = {0, side};
       couplings[side].step_period = 1.0 / 90;
@@ -132,6 +136,32 @@ TEST(WorldCoupling, AfterAResetNoHandGetsAnObjectForATime) {
   EXPECT_EQ(owned, 1u);
 }
 
+// The same for a world that was started again. The hand goes on to hold the cube at the place in the earlier world. The
+// two processes find each other late, and the hand hears of the new world after that.
+TEST(WorldCoupling, ANewWorldDoesNotGiveAnObjectToAHandThatHoldsTheOldOne) {
+  WorldLoop world({}, {table(), cube(0.05, 0.02)});
+  std::array<ObjectCoupling, 1> couplings;
+  couplings[0].step_period = 1.0 / 90;
+  ObjectTwin twin;
+  twin.object = 2;
+  twin.owned = 1;
+  twin.position = {0, 0.25, 0};
+  twin.contact_force = {0, 0.05 * 9.81, 0};
+  constexpr Nanoseconds kStep = 4'000'000, kFound = 400'000'000, kHeard = 550'000'000, kClaimsAgain = 700'000'000;
+  for (Nanoseconds now = kStep; now < kClaimsAgain; now += kStep) {
+    couplings[0].stamp.sample_time = now;
+    couplings[0].twins.clear();
+    if (now < kHeard) couplings[0].twins.push_back(twin);
+    const ObjectState state = object(world.step(now, {std::span(couplings).first(now < kFound ? 0 : 1)}), 2);
+    ASSERT_EQ(state.owned, 0u) << now;
+    ASSERT_NEAR(state.position[1], 0.02, 1e-3) << now;
+  }
+  couplings[0].stamp.sample_time = kClaimsAgain;
+  twin.position = {0, 0.02, 0};
+  couplings[0].twins.push_back(twin);
+  EXPECT_EQ(object(world.step(kClaimsAgain, {couplings}), 2).owned, 1u);
+}
+
 TEST(WorldCoupling, AnObjectFallsIfTheNextOwnerDoesNotClaimIt) {
   TwoHands hands;
   hands.twin(1).owned = 1;
@@ -151,6 +181,7 @@ TEST(WorldCoupling, AnObjectFallsIfTheNextOwnerDoesNotClaimIt) {
 // An owner's samples that must not reach the engine. Each would make the object's motion infinite or hold it for ever.
 TEST(WorldCoupling, RefusesAbsurdVelocitiesForcesPeriodsAndSamplesFromTheFuture) {
   WorldLoop world({}, {table(), cube(0.05, 0.3)});
+  accept_claims(world);
   Nanoseconds now = 0;
   const auto step = [&](const std::function<void(ObjectCoupling&)>& change) {
     ObjectCoupling coupling;
@@ -203,6 +234,7 @@ TEST(WorldCoupling, RefusesAbsurdVelocitiesForcesPeriodsAndSamplesFromTheFuture)
 TEST(WorldCoupling, AClaimFromTheFutureIsNeverFollowed) {
   constexpr Nanoseconds kHour = 3'600'000'000'000;
   WorldLoop world({}, {table(), cube(0.05, 0.3)});
+  accept_claims(world);
   NewestCouplings newest(4);
   ObjectCoupling claim;
   claim.step_period = 1.0 / 90;
@@ -234,6 +266,7 @@ TEST(WorldCoupling, AClaimFromTheFutureIsNeverFollowed) {
 
 TEST(WorldCoupling, SecondHandTakesOverWhenTheOwnerVanishes) {
   WorldLoop world({}, {table(), cube(0.05, 0.2)});
+  accept_claims(world);
   std::array<ObjectCoupling, 2> hands;
   for (std::uint32_t side : {0u, 1u}) {
     hands[side].hand = {0, side};

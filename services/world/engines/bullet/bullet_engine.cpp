@@ -144,8 +144,7 @@ class BulletEngine final : public PhysicsEngine {
     }
     for (std::size_t number = 0; number < joints_.size(); ++number) {
       if (!joints_[number]) continue;
-      EngineJoint joint = joints_[number]->joint();
-      joint.reaction = joints_[number]->reaction();
+      const EngineJoint joint = joints_[number]->joint();
       joints_[number].reset();
       add_joint(number, joint);
     }
@@ -205,7 +204,8 @@ class BulletEngine final : public PhysicsEngine {
 
   void set_passive(std::size_t number, bool passive) override { joints_[number]->set_passive(passive); }
 
-  double reaction(std::size_t number) const override { return joints_[number]->reaction(); }
+  double reaction(std::size_t number) const override { return joints_[number]->joint().reaction; }
+  double coordinate(std::size_t number) const override { return joints_[number]->joint().coordinate; }
 
   void step(double dt) override {
     for (const auto& joint : joints_)

@@ -67,13 +67,13 @@ struct HeldRows {
   BoundedVector<JointRow, 6> rows;
   std::size_t offsets = 0;
 };
-HeldRows held_rows(const JointLaw& law, const JointPose& pose) {
+HeldRows held_rows(const JointLaw& law, const JointPose& pose, double q) {
   HeldRows held;
   for (int axis = 0; axis < 3; ++axis) {
     if (axis == 1 && law.kind == ObjectJointKind::slider) continue;
     JointRow offset = pose.offset(axis);
     if (axis == 1 && law.kind == ObjectJointKind::screw) {
-      JointRow thread = joint_row(law, pose, joint_coordinate(law, pose));
+      JointRow thread = joint_row(law, pose, q);
       offset += thread *= -law.pitch / (2 * std::numbers::pi);
     }
     held.rows.push_back(offset);
@@ -98,7 +98,7 @@ HeldRows held_rows(const JointLaw& law, const JointPose& pose) {
 }  // namespace
 
 BulletJoint::BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale)
-    : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale), reaction_(joint.reaction) {
+    : btTypedConstraint(D6_CONSTRAINT_TYPE, parent, child), joint_(joint), scale_(scale) {
   setUserConstraintType(kJointType);
 }
 
@@ -131,7 +131,7 @@ void BulletJoint::end_step(double dt) {
     const Vector3 axis = pose_of(m_rbA, scale_).orientation * (joint_.parent_from_joint.orientation * Vector3::UnitY());
     impulse -= axis.dot(impulse) * axis;
   }
-  reaction_ = impulse.norm() / (scale_ * dt);
+  joint_.reaction = impulse.norm() / (scale_ * dt);
 }
 
 // Limits, friction, and the change of the other forces. `unit`: engine units of a force per N, or of a torque per N m.
@@ -162,14 +162,15 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
 
 void BulletJoint::prepare(double dt) {
   const JointLaw& law = joint_.law;
-  friction_bound_ = law.friction_at(reaction_);
+  friction_bound_ = law.friction_at(joint_.reaction);
   rows_.clear();
   const Pose parent = pose_of(m_rbA, scale_), child = pose_of(m_rbB, scale_);
   const Twist parent_twist = twist_of(m_rbA, scale_), child_twist = twist_of(m_rbB, scale_);
   const JointPose pose(parent, child, joint_.parent_from_joint, joint_.child_from_joint);
   const JointPose next(advanced_by_bullet(parent, parent_twist, dt), advanced_by_bullet(child, child_twist, dt),
                        joint_.parent_from_joint, joint_.child_from_joint);
-  const HeldRows now = held_rows(law, pose), ahead = held_rows(law, next);
+  joint_.coordinate = joint_coordinate(law, pose, joint_.coordinate);
+  const HeldRows now = held_rows(law, pose, joint_.coordinate), ahead = held_rows(law, next, joint_.coordinate);
   for (std::size_t i = 0; i < now.rows.size(); ++i) {
     const JointRow& row = now.rows[i];
     const bool offset = i < now.offsets;
@@ -179,7 +180,7 @@ void BulletJoint::prepare(double dt) {
          SIMD_INFINITY, 0});
   }
   JointRow q;
-  if (law.has_coordinate()) q = joint_row(law, pose, joint_coordinate(law, pose));
+  if (law.has_coordinate()) q = joint_row(law, pose, joint_.coordinate);
   if (law.turns()) add_law(q, scale_ * scale_, dt);
   if (law.kind == ObjectJointKind::slider) {
     const double value = q.value;

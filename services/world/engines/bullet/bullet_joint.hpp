@@ -31,6 +31,7 @@ class BulletJoint final : public btTypedConstraint {
   /// `scale`: engine lengths per metre. The bodies must outlive the joint.
   BulletJoint(const EngineJoint& joint, btRigidBody& parent, btRigidBody& child, double scale);
 
+  /// With the reaction of the last step, and the coordinate at its start.
   const EngineJoint& joint() const { return joint_; }
   int row_count() const { return static_cast<int>(rows_.size()); }
   void set_passive(bool passive) { passive_ = passive; }
@@ -47,8 +48,6 @@ class BulletJoint final : public btTypedConstraint {
 
   /// Computes the reaction from the impulses of a step. Call it when they are known.
   void end_step(double dt);
-  /// As PhysicsEngine::reaction.
-  double reaction() const { return reaction_; }
 
   void getInfo1(btConstraintInfo1* info) override;
   void getInfo2(btConstraintInfo2* info) override;
@@ -76,7 +75,6 @@ class BulletJoint final : public btTypedConstraint {
   bool passive_ = false;
   BoundedVector<Row, 16> rows_;
   std::array<double, meanings> impulses_{};
-  double reaction_;            // N
   double friction_bound_ = 0;  // N or N m, in this step
 };
 
