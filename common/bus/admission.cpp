@@ -15,13 +15,15 @@ namespace dds = eprosima::fastdds::dds;
 static constexpr double kInstanceRest = 1;  // s
 
 AdmissionFilter::AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only,
-                                 const HostClocks& clocks)
+                                 const HostClocks& clocks, Peers& peers)
     : codec_(codec),
+      topic_(row.name),
       received_(codec.create_received()),
       share_(static_cast<std::size_t>(row.max_instances)),
       has_one_writer_(row.writers == Writers::one),
       is_stream_(row.writers != Writers::any),
       clocks_(clocks),
+      peers_(peers),
       clock_id_(clock_id()) {
   admitted_.reserve(2 * share_);
   if (only) {
@@ -32,8 +34,12 @@ AdmissionFilter::AdmissionFilter(const TypeCodec& codec, const TopicRow& row, co
 }
 
 bool AdmissionFilter::evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const {
+  if (payload.length == 0) return false;  // an instance was disposed or unregistered; there is no content
   codec_.decode({reinterpret_cast<const std::byte*>(payload.data), payload.length}, received_);
-  if (!codec_.is_well_formed(received_)) return true;  // `take_next` counts it
+  if (!codec_.is_well_formed(received_)) {
+    malformed_.fetch_add(1, std::memory_order_relaxed);
+    return false;
+  }
   std::array<std::byte, kMostKeyBytes> bytes{};
   const std::size_t size = codec_.key(received_, bytes);
   const KeyHash key = key_hash(std::span(bytes).first(size));
@@ -51,8 +57,8 @@ bool AdmissionFilter::evaluate(const SerializedPayload& payload, const FilterSam
     return false;
   }
   if (has_one_writer_ && !place->followed.accept(stamp, time)) {
-    second_epoch_.store(stamp.epoch, std::memory_order_relaxed);
     second_writer_.fetch_add(1, std::memory_order_relaxed);
+    peers_.note_second_writer(topic_, stamp.epoch);
     return false;
   }
   place->writer = stamp.epoch;
@@ -61,10 +67,10 @@ bool AdmissionFilter::evaluate(const SerializedPayload& payload, const FilterSam
 }
 
 void AdmissionFilter::count(ReaderCounters& out) const {
+  out.refused += malformed_.load(std::memory_order_relaxed);
   out.crowded = crowded_.load(std::memory_order_relaxed);
   out.refused_stamp = refused_stamp_.load(std::memory_order_relaxed);
   out.second_writer = second_writer_.load(std::memory_order_relaxed);
-  out.second_epoch = second_epoch_.load(std::memory_order_relaxed);
 }
 
 AdmissionFilter::Admitted* AdmissionFilter::place_of(const KeyHash& key, std::uint64_t writer, Nanoseconds time) const {

@@ -10,11 +10,13 @@
 #include <mutex>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <thread>
 #include <vector>
 
 #include "bus/bus.hpp"
 #include "bus/host_clocks.hpp"
+#include "bus/peers.hpp"
 #include "bus/plain_type.hpp"
 #include "messages/followed_writer.hpp"
 #include "runtime/clock.hpp"
@@ -25,22 +27,24 @@ namespace softhand::bus::detail {
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wnon-virtual-dtor"
 
-/// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Samples about other
-/// hands stay outside if the reader is about one hand. Anybody on the domain can invent instances (users, module
-/// names). So a single writer gets at most `TopicRow::max_instances` of them, and the reader has room for twice as
-/// many. A new instance takes the place of one that rests. The filter refuses streams of hosts whose clock is not
-/// known. On topics with one writer it follows one writer of each instance, and refuses stamps that are not usable.
-/// Fast DDS 2.9 does not tell a filter who wrote a sample. So the epoch in the sample stands for the writer.
+/// Decides which samples enter a reader, in the receiving threads and before the sample is stored. Malformed samples
+/// stay outside, so that they do not displace others. Samples about other hands stay outside if the reader is about one
+/// hand. Anybody on the domain can invent instances (users, module names). So a single writer gets at most
+/// `TopicRow::max_instances` of them, and the reader has room for twice as many. A new instance takes the place of one
+/// that rests. The filter refuses streams of hosts whose clock is not known. On topics with one writer it follows one
+/// writer of each instance, and refuses stamps that are not usable. Fast DDS 2.9 does not tell a filter who wrote a
+/// sample. So the epoch in the sample stands for the writer.
 class AdmissionFilter final : public eprosima::fastdds::dds::IContentFilter {
  public:
   AdmissionFilter(const TypeCodec& codec, const TopicRow& row, const std::optional<HandKey>& only,
-                  const HostClocks& clocks);
+                  const HostClocks& clocks, Peers& peers);
   ~AdmissionFilter() { codec_.destroy_received(received_); }
   AdmissionFilter(const AdmissionFilter&) = delete;
   AdmissionFilter& operator=(const AdmissionFilter&) = delete;
 
   /// DDS calls it under the lock of the reader.
   bool evaluate(const SerializedPayload& payload, const FilterSampleInfo&, const GUID_t&) const override;
+  /// Adds what the filter refused.
   void count(ReaderCounters& out) const;
 
  private:
@@ -55,18 +59,20 @@ class AdmissionFilter final : public eprosima::fastdds::dds::IContentFilter {
   Admitted* place_of(const KeyHash& key, std::uint64_t writer, Nanoseconds time) const;
 
   const TypeCodec& codec_;
+  std::string_view topic_;
   void* received_;
   std::size_t share_;
   bool has_one_writer_;
   bool is_stream_;
   const HostClocks& clocks_;
+  Peers& peers_;
   std::uint32_t clock_id_;  // of this host
   std::optional<KeyHash> only_;
   mutable std::vector<Admitted> admitted_;
+  mutable std::atomic<std::uint64_t> malformed_ = 0;
   mutable std::atomic<std::uint64_t> crowded_ = 0;
   mutable std::atomic<std::uint64_t> refused_stamp_ = 0;
   mutable std::atomic<std::uint64_t> second_writer_ = 0;
-  mutable std::atomic<std::uint64_t> second_epoch_ = 0;
 };
 
 /// Makes the filters of a participant known to Fast DDS.

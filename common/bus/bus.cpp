@@ -30,7 +30,9 @@
 
 #include "bus/admission.hpp"
 #include "bus/clock_exchange.hpp"
+#include "bus/definitions.hpp"
 #include "bus/host_clocks.hpp"
+#include "bus/peers.hpp"
 #include "bus/plain_type.hpp"
 #include "bus/qos.hpp"
 #include "bus/user_data.hpp"
@@ -49,9 +51,8 @@ constexpr int kMaxDomain = 230;
 /// A writer lives at least this long after a last sample that matters. 20 ms were once too short on a machine with six
 /// busy threads per core.
 constexpr std::chrono::milliseconds kLastSampleTime{100};
-constexpr int kOwnersDepth = 4;          ///< history depth of readers of exclusive topics
-constexpr std::size_t kMostPeers = 256;  ///< anybody on the domain can invent participants
-constexpr std::size_t kMostEndpoints = 4096;
+constexpr int kOwnersDepth = 4;            ///< history depth of readers of exclusive topics
+constexpr std::size_t kMostRefused = 256;  ///< anybody on the domain can invent participants
 /// Largest number of instances in the history of a keyed reader. Fast DDS 2.9 never forgets an instance whose writer is
 /// alive, not even one without samples, and refuses every new one when it has reached its limit. So this limit must be
 /// out of reach. `AdmissionFilter` bounds what comes in.
@@ -82,15 +83,15 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       : clocks_(clock_id(), network.options.clock == "synchronised"),
         name_(name),
         role_(network.security.empty() ? "" : role),
-        epoch_(make_epoch()) {
-    peers_.reserve(kMostPeers);
+        epoch_(make_epoch()),
+        definitions_(name) {
     // The factory is never destroyed. Its destructor has nothing to do when our participants are gone, but sleeps 100
     // ms. When a rig stops, that would be 100 ms for each process in turn.
     static auto* const factory = (new auto(dds::DomainParticipantFactory::get_shared_instance()))->get();
 
     dds::DomainParticipantQos qos = dds::PARTICIPANT_QOS_DEFAULT;
     if (network.profile.empty()) {
-      apply_network(qos, network, domain);
+      apply_network(qos, network, domain, id_.emplace(network).value());
     } else {
       constexpr auto kOk = eprosima::fastrtps::types::ReturnCode_t::RETCODE_OK;
       if (factory->load_XML_profiles_file(network.profile) != kOk ||
@@ -138,9 +139,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
       fail("cannot register type " + std::string(codec.name));
     dds::Topic* created = participant_->create_topic(name, codec.name, dds::TOPIC_QOS_DEFAULT);
     if (created == nullptr) fail("cannot create topic " + name);
-    const std::lock_guard peers_lock(peers_mutex_);
-    own_.push_back({name, codec.name, name_, codec.hash(), epoch_});
-    for (const Endpoint& other : others_) compare(own_.back(), other);
+    definitions_.add_own({name, codec.name, name_, codec.hash(), epoch_});
     return created;
   }
   /// For the user data of an endpoint of this topic.
@@ -155,44 +154,27 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
   }
   void remove(dds::ContentFilteredTopic* topic) { participant_->delete_contentfilteredtopic(topic); }
   std::uint64_t epoch() const { return epoch_; }
-  std::vector<Peer> peers() const {
-    const std::lock_guard lock(peers_mutex_);
-    std::vector<Peer> peers;
-    for (const auto& [guid, peer] : peers_) peers.push_back(peer);
-    return peers;
-  }
-  bool find_peer(std::uint64_t epoch, Peer& out) const noexcept {
-    const std::unique_lock lock(peers_mutex_, std::try_to_lock);
-    if (!lock.owns_lock()) return false;
-    for (const auto& [guid, peer] : peers_) {
-      if (peer.epoch != epoch) continue;
-      out = peer;
-      return true;
-    }
-    return false;
-  }
   void on_participant_discovery(dds::DomainParticipant*, rtps::ParticipantDiscoveryInfo&& found) override {
-    const std::lock_guard lock(peers_mutex_);
-    std::erase_if(peers_, [&](const auto& each) { return each.first == found.info.m_guid; });
-    if (found.status == rtps::ParticipantDiscoveryInfo::REMOVED_PARTICIPANT ||
-        found.status == rtps::ParticipantDiscoveryInfo::DROPPED_PARTICIPANT || peers_.size() == kMostPeers)
-      return;
+    const bool has_left = found.status == rtps::ParticipantDiscoveryInfo::REMOVED_PARTICIPANT ||
+                          found.status == rtps::ParticipantDiscoveryInfo::DROPPED_PARTICIPANT;
     const auto& data = found.info.m_userData.data_vec();
-    const auto peer =
-        peer_of(found.info.m_participantName.to_string(), {reinterpret_cast<const char*>(data.data()), data.size()});
-    if (peer) peers_.emplace_back(found.info.m_guid, *peer);
+    peers_.set(found.info.m_guid, has_left ? std::nullopt
+                                           : peer_of(found.info.m_participantName.to_string(),
+                                                     {reinterpret_cast<const char*>(data.data()), data.size()}));
   }
   void on_publisher_discovery(dds::DomainParticipant*, rtps::WriterDiscoveryInfo&& found) override {
-    if (found.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) discovered(found.info);
+    if (found.status == rtps::WriterDiscoveryInfo::DISCOVERED_WRITER) appeared(found.info);
+    if (found.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) left(found.info);
   }
   void on_subscriber_discovery(dds::DomainParticipant*, rtps::ReaderDiscoveryInfo&& found) override {
-    if (found.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER) discovered(found.info);
+    if (found.status == rtps::ReaderDiscoveryInfo::DISCOVERED_READER) appeared(found.info);
+    if (found.status == rtps::ReaderDiscoveryInfo::REMOVED_READER) left(found.info);
   }
 
   void onParticipantAuthentication(dds::DomainParticipant*, rtps::ParticipantAuthenticationInfo&& info) override {
     if (info.status != rtps::ParticipantAuthenticationInfo::UNAUTHORIZED_PARTICIPANT) return;
-    const std::lock_guard lock(peers_mutex_);
-    if (refused_.size() == kMostPeers || !refused_.insert(info.guid.guidPrefix).second) return;
+    const std::lock_guard lock(refused_mutex_);
+    if (refused_.size() == kMostRefused || !refused_.insert(info.guid.guidPrefix).second) return;
     std::ostringstream guid;
     guid << info.guid.guidPrefix;
     std::fprintf(stderr, "%s: a process without a valid identity was refused (participant %s)\n", name_.c_str(),
@@ -203,31 +185,25 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
     return role_.empty() ? "" : "; the permissions of the role " + role_ + " may forbid it";
   }
   const HostClocks& clocks() const { return clocks_; }
+  Peers& peers() { return peers_; }
 
   dds::Publisher& publisher() { return *publisher_; }
   dds::Subscriber& subscriber() { return *subscriber_; }
 
  private:
   template <typename Proxy>
-  void discovered(const Proxy& proxy) {
+  static std::optional<Endpoint> endpoint_of_proxy(const Proxy& proxy) {
     const auto& data = proxy.m_qos.m_userData.data_vec();
-    const auto other = endpoint_of(proxy.topicName().to_string(), proxy.typeName().to_string(),
-                                   {reinterpret_cast<const char*>(data.data()), data.size()});
-    if (!other) return;
-    const std::lock_guard lock(peers_mutex_);
-    // A module's endpoints of one topic are reported together.
-    if (others_.size() == kMostEndpoints || std::find(others_.begin(), others_.end(), *other) != others_.end()) return;
-    others_.push_back(*other);
-    for (const Endpoint& own : own_) compare(own, *other);
+    return endpoint_of(proxy.topicName().to_string(), proxy.typeName().to_string(),
+                       {reinterpret_cast<const char*>(data.data()), data.size()});
   }
-  void compare(const Endpoint& own, const Endpoint& other) const {
-    if (own.topic != other.topic || (own.type == other.type && own.hash == other.hash)) return;
-    std::fprintf(stderr,
-                 "%s: topic %s: module %s has another definition of its type: %s %016llx, here %s %016llx; expected "
-                 "programs of one version\n",
-                 name_.c_str(), own.topic.c_str(), other.module.c_str(), other.type.c_str(),
-                 static_cast<unsigned long long>(other.hash), own.type.c_str(),
-                 static_cast<unsigned long long>(own.hash));
+  template <typename Proxy>
+  void appeared(const Proxy& proxy) {
+    if (const auto endpoint = endpoint_of_proxy(proxy)) definitions_.add(*endpoint);
+  }
+  template <typename Proxy>
+  void left(const Proxy& proxy) {
+    if (const auto endpoint = endpoint_of_proxy(proxy)) definitions_.remove(*endpoint);
   }
   void exchange_clocks() {
     const TopicRow& row = topics::clock_beacon;
@@ -269,11 +245,11 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
   std::string name_;
   std::string role_;  // empty if the domain is not secured
   std::uint64_t epoch_;
-  mutable std::mutex peers_mutex_;
+  std::optional<ParticipantId> id_;  // empty: the profile sets it
+  Definitions definitions_;
+  Peers peers_;
+  std::mutex refused_mutex_;
   std::set<rtps::GuidPrefix_t> refused_;  // participants without a valid identity
-  std::vector<Endpoint> own_;             // one for each topic
-  std::vector<Endpoint> others_;          // one for each topic of each other module
-  std::vector<std::pair<rtps::GUID_t, Peer>> peers_;
 };
 
 class WriterImpl final : public dds::DataWriterListener {
@@ -367,7 +343,7 @@ class ReaderImpl final : public dds::DataReaderListener {
          << dds::StatusMask::sample_lost();
     dds::TopicDescription* topic = participant_->topic(row, codec);
     if (has_key) {
-      filter_.emplace(codec, row, only, participant_->clocks());
+      filter_.emplace(codec, row, only, participant_->clocks(), participant_->peers());
       topic = filtered_ = participant_->topic(row, codec, *filter_);
     }
     const std::string user_data = participant_->user_data(row, codec);
@@ -498,8 +474,9 @@ Participant::Participant(const std::string& name, int domain, const std::string&
                          const Network& network)
     : impl_(std::make_shared<detail::ParticipantImpl>(name, domain, rig, role, network)) {}
 BoundedVector<HostClock, kMaxHosts> Participant::clocks() const noexcept { return impl_->clocks().hosts(); }
+std::uint64_t Participant::refused_beacons() const noexcept { return impl_->clocks().refused(); }
 std::uint64_t Participant::epoch() const { return impl_->epoch(); }
-std::vector<Peer> Participant::peers() const { return impl_->peers(); }
-bool Participant::find_peer(std::uint64_t epoch, Peer& out) const noexcept { return impl_->find_peer(epoch, out); }
+std::vector<Peer> Participant::peers() const { return impl_->peers().all(); }
+SecondWriterText Participant::second_writer() const noexcept { return impl_->peers().second_writer(); }
 
 }  // namespace softhand::bus

@@ -52,6 +52,8 @@ struct Peer {
   std::uint32_t clock_id = 0;  ///< of its host
 };
 
+using SecondWriterText = decltype(LoopStatus::second_writer);
+
 /// Membership of a process in a DDS domain. Create one per process.
 class Participant {
  public:
@@ -63,11 +65,15 @@ class Participant {
   std::uint64_t epoch() const;
   /// The other processes that are known now. New ones are found within 0.5 s.
   std::vector<Peer> peers() const;
-  /// Does not allocate or wait. May return false although the peer is known.
-  bool find_peer(std::uint64_t epoch, Peer& out) const noexcept;
+  /// The last second writer of which a reader of this participant refused a sample: topic, process and host. The text
+  /// stays when the process leaves. Empty if there was none, or while another thread uses the list of peers. Does not
+  /// allocate or wait.
+  SecondWriterText second_writer() const noexcept;
   /// The clocks of other hosts, without the newest beacons. Empty if the network does not leave this host. Does not
   /// allocate or wait.
   BoundedVector<HostClock, kMaxHosts> clocks() const noexcept;
+  /// Clock beacons that were refused because the clocks of `kMaxHosts` other hosts are in use.
+  std::uint64_t refused_beacons() const noexcept;
   const std::shared_ptr<detail::ParticipantImpl>& impl() const { return impl_; }
 
  private:
@@ -88,7 +94,6 @@ struct ReaderCounters {
   /// From the future, from another host whose clock is not known, or older than `TopicRow::lifespan_ms`.
   std::uint64_t refused_stamp = 0;
   std::uint64_t second_writer = 0;  ///< of another writer than the followed one
-  std::uint64_t second_epoch = 0;   ///< `Stamp::epoch` of the last one of these
 };
 
 namespace detail {
@@ -169,9 +174,9 @@ class Reader {
   /// that was silent for a second.
   Reader(const Participant& participant, const Topic<T>& topic,
          std::optional<HandKey> only = std::nullopt) requires detail::AboutAHand<T>
-      : endpoint_(participant, topic, codec_of<T>(topic.type), only), topic_name_(topic.name) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), only) {}
   Reader(const Participant& participant, const Topic<T>& topic) requires(!detail::AboutAHand<T>)
-      : endpoint_(participant, topic, codec_of<T>(topic.type), std::nullopt), topic_name_(topic.name) {}
+      : endpoint_(participant, topic, codec_of<T>(topic.type), std::nullopt) {}
 
   /// Copies the newest sample into `out` and drops the older ones. If no new sample has arrived, returns false and does
   /// not change `out`. Never waits. Takes at most 2 * max_instances * depth samples, so that a flood does not hold a
@@ -218,11 +223,9 @@ class Reader {
   /// Number of matched writers with a valid liveliness lease. If the topic has no lease: number of matched writers.
   int live_writer_count() const noexcept { return endpoint_.live_writer_count(); }
   ReaderCounters counters() const noexcept { return endpoint_.counters(); }
-  std::string_view topic_name() const noexcept { return topic_name_; }
 
  private:
   detail::ReaderEndpoint endpoint_;
-  std::string_view topic_name_;
   std::unique_ptr<detail::Received<T>> scratch_ = std::make_unique<detail::Received<T>>();
   std::unique_ptr<detail::Received<T>> newest_ = std::make_unique<detail::Received<T>>();
 };

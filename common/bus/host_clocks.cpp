@@ -11,6 +11,7 @@ namespace softhand::bus {
 namespace {
 
 constexpr double kSlew = 5e-3;                      // largest change of an offset, s/s
+constexpr Nanoseconds kRest = 1'000'000'000;        // a host that is silent for this time makes room for another
 constexpr Nanoseconds kForgotten = 10'000'000'000;  // a host that is silent for this time has left
 
 }  // namespace
@@ -38,11 +39,16 @@ void HostClocks::heard(const ClockBeacon& beacon, Nanoseconds received, const Wa
   if (id == 0 || id == own_) return;
   const std::lock_guard lock(mutex_);
   const auto known = std::find_if(hosts_.begin(), hosts_.end(), [id](const Host& each) { return each.id == id; });
-  // A host that was started again has a new clock. It takes the place of the host that is silent for longest.
+  // A host that was started again has a new clock. It takes a free place, or that of the host that is silent for
+  // longest. Anybody on the domain can invent clocks, so a host that is heard keeps its place.
   Host& host = known != hosts_.end() ? *known : *std::min_element(hosts_.begin(), hosts_.end(), [](auto& a, auto& b) {
     return a.clock.received < b.clock.received;
   });
   if (known == hosts_.end()) {
+    if (host.id != 0 && received - host.clock.received <= kRest) {
+      refused_.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
     host.offset = kUnknown;
     host.uncertainty = -1;
     host.estimator = {};

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <atomic>
+#include <cstdint>
 #include <limits>
 #include <mutex>
 
@@ -22,12 +23,15 @@ class HostClocks {
   /// nothing, if the offset of its clock is not known. Any thread may call it. Does not wait or allocate.
   bool to_local(Stamp& stamp) const noexcept;
 
-  /// A beacon arrived at our time `received`. `wall` is our wall clock.
+  /// A beacon arrived at our time `received`. `wall` is our wall clock. If all places are taken, a new host gets the
+  /// place of one that was silent for a second. Otherwise the beacon is refused.
   void heard(const ClockBeacon& beacon, Nanoseconds received, const WallClock& wall);
   /// Computes the offsets at our time `now`, and what the next beacon says about other hosts.
   void update(Nanoseconds now, BoundedVector<HostClock, kMaxHosts>& out);
   /// The clocks as of the last update, without the newest beacons. Any thread may call it. Does not wait or allocate.
   BoundedVector<HostClock, kMaxHosts> hosts() const noexcept;
+  /// Number of refused beacons. Any thread may call it.
+  std::uint64_t refused() const noexcept { return refused_.load(std::memory_order_relaxed); }
 
  private:
   static constexpr Nanoseconds kUnknown = std::numeric_limits<Nanoseconds>::min();
@@ -47,6 +51,7 @@ class HostClocks {
   const bool synchronised_;
   std::mutex mutex_;
   std::array<Host, kMaxHosts> hosts_;
+  std::atomic<std::uint64_t> refused_ = 0;
 };
 
 }  // namespace softhand::bus

@@ -5,11 +5,13 @@
 #include <sys/random.h>
 
 #include <algorithm>
-#include <atomic>
+#include <bitset>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <mutex>
+#include <stdexcept>
 
 namespace softhand::bus::detail {
 namespace {
@@ -35,17 +37,15 @@ constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
 // secured domain are larger.
 constexpr std::uint32_t kMessageSize = 1400;
 
-// Returns a participant id, and with it a port number, that a just-killed process with the same name most likely did
-// not have. Otherwise peers take the new process for the old one until its lease ends, and do not answer for seconds.
-// If another process has the id, Fast DDS takes the next free one.
-std::int32_t fresh_participant_id(std::uint32_t count) {
-  static std::atomic<std::uint32_t> next = [] {
-    std::uint32_t seed = 0;
-    if (getrandom(&seed, sizeof seed, 0) != sizeof seed)
-      seed = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
-    return seed;
-  }();
-  return static_cast<std::int32_t>(kFirstId + next.fetch_add(1) % count);
+// Ids of this process.
+std::mutex ids_mutex;
+std::bitset<kIds> taken_ids;
+
+std::uint32_t random_place() {
+  std::uint32_t place = 0;
+  if (getrandom(&place, sizeof place, 0) != sizeof place)
+    place = static_cast<std::uint32_t>(std::chrono::steady_clock::now().time_since_epoch().count());
+  return place;
 }
 
 rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
@@ -92,7 +92,25 @@ rtps::MemoryManagementPolicy_t memory_policy(const TypeCodec& codec) {
   return codec.max_size() <= kPooledSize ? rtps::PREALLOCATED_MEMORY_MODE : rtps::DYNAMIC_REUSABLE_MEMORY_MODE;
 }
 
-void apply_network(dds::DomainParticipantQos& qos, const Network& network, int domain) {
+ParticipantId::ParticipantId(const Network& network) {
+  static std::uint32_t next = random_place();
+  const std::uint32_t count = network.options.multicast ? kIds : kIdsWithoutMulticast;
+  const std::lock_guard lock(ids_mutex);
+  for (std::uint32_t tries = 0; tries < count; ++tries) {
+    place_ = next++ % count;
+    if (taken_ids[place_]) continue;
+    taken_ids.set(place_);
+    return;
+  }
+  throw std::runtime_error("DDS: this process has " + std::to_string(count) + " participants; expected no more");
+}
+ParticipantId::~ParticipantId() {
+  const std::lock_guard lock(ids_mutex);
+  taken_ids.reset(place_);
+}
+std::int32_t ParticipantId::value() const { return static_cast<std::int32_t>(kFirstId + place_); }
+
+void apply_network(dds::DomainParticipantQos& qos, const Network& network, int domain, std::int32_t participant_id) {
   auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
   udp->interfaceWhiteList = network.addresses;
   udp->sendBufferSize = udp->receiveBufferSize = 4 * 1024 * 1024;
@@ -104,7 +122,7 @@ void apply_network(dds::DomainParticipantQos& qos, const Network& network, int d
   qos.transport().user_transports = {udp};
   auto& wire = qos.wire_protocol();
   const bool multicast = network.options.multicast;
-  wire.participant_id = fresh_participant_id(multicast ? kIds : kIdsWithoutMulticast);
+  wire.participant_id = participant_id;
   auto& discovery = wire.builtin;
   discovery.discovery_config.leaseDuration = milliseconds(kProcessLeaseMs);
   discovery.discovery_config.leaseDuration_announcementperiod = milliseconds(500);

@@ -1,6 +1,7 @@
 // What our participants and endpoints say about themselves in their user data.
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <optional>
 #include <string>
@@ -20,7 +21,7 @@ struct Endpoint {
   std::string topic, type, module;
   std::uint64_t hash = 0;  ///< of the definition of the type
   std::uint64_t epoch = 0;
-  bool operator==(const Endpoint&) const = default;
+  auto operator<=>(const Endpoint&) const = default;
 };
 std::string user_data_of(const Endpoint& endpoint);
 /// Empty unless the data is that of an endpoint of ours.

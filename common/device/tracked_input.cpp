@@ -18,8 +18,9 @@ constexpr double kMaximumHandExtent = 0.5;  // m from the wrist; the longest han
 // Half and twice unit length, with room for rounding.
 constexpr double kShortestQuaternion = 0.5 - 1e-6, kLongestQuaternion = 2 + 1e-6;
 constexpr double kMaximumAngularSpeed = 60;  // rad/s; fast finger flicks reach 40
-constexpr double kPast = 1;                  // s; a sample older than this at its arrival comes from another clock
-constexpr double kConfidenceTime = 0.05;     // s, time constant; fast enough for a finger that is hidden for a moment
+// s; a sample that is older at its arrival comes from another clock. An older head pose is not used for a hand.
+constexpr double kPast = 1;
+constexpr double kConfidenceTime = 0.05;  // s, time constant; fast enough for a finger that is hidden for a moment
 
 // The joint that an unseen `joint` moves with.
 Joint neighbour_of(Joint joint) { return joint == Joint::wrist ? Joint::middle_metacarpal : parent_of(joint); }
@@ -100,6 +101,8 @@ bool TrackedInput::mount_at(std::uint32_t frame, Nanoseconds time, Pose& out) co
     return true;
   }
   if (frame != 1 || head_count_ == 0) return false;
+  const Nanoseconds newest = heads_[(head_count_ - 1) % heads_.size()].time;
+  if (age_of(newest, time) > kPast) return false;
   const std::uint64_t stored = std::min<std::uint64_t>(head_count_, heads_.size());
   const auto back = [this](std::uint64_t i) -> const TimedPose& {
     return heads_[(head_count_ - 1 - i) % heads_.size()];

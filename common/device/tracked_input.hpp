@@ -51,8 +51,9 @@ struct TrackedInputCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints with NaN or infinity
   /// joints beyond 1 km, with |q| outside [0.5, 2], a confidence outside [0, 1], or more than 0.5 m from their wrist
   std::uint64_t refused_implausible = 0;
-  std::uint64_t refused_order = 0;       ///< samples with an old or equal sequence or time
-  std::uint64_t refused_mount = 0;       ///< samples in an unknown frame, or in the headset frame without a head pose
+  std::uint64_t refused_order = 0;  ///< samples with an old or equal sequence or time
+  /// samples in an unknown frame, or in the headset's frame without a head pose of the last second before them
+  std::uint64_t refused_mount = 0;
   std::uint64_t refused_head_clock = 0;  ///< head poses from the future or older than 1 s
   std::uint64_t implausible_clock = 0;   ///< samples whose time was replaced by their arrival time
   std::uint64_t inferred = 0;            ///< refused or unseen joints that were moved rigidly with a neighbour

@@ -60,12 +60,17 @@ std::vector<std::string> request_real_time(int priority) {
   const sched_param parameters{.sched_priority = priority};
   // The threads of DDS, web servers and logs must not inherit the priority, whenever they start.
   if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameters) == 0) return {};
-  return {std::string("real-time priority refused (") + std::strerror(errno) + "): steps may be late"};
+  const int error = errno;
+  // The loop keeps its niceness. With this flag new threads do not inherit a negative one.
+  const sched_param ordinary{};
+  sched_setscheduler(0, SCHED_OTHER | SCHED_RESET_ON_FORK, &ordinary);
+  return {std::string("real-time priority refused (") + std::strerror(error) + "): steps may be late"};
 }
 
 void become_ordinary() {
   const sched_param ordinary{};
   sched_setscheduler(0, SCHED_OTHER, &ordinary);
+  if (getpriority(PRIO_PROCESS, 0) < 0) setpriority(PRIO_PROCESS, 0, 0);
   cpu_set_t all;
   CPU_ZERO(&all);
   for (int core = 0; core < std::min<int>(CPU_SETSIZE, static_cast<int>(sysconf(_SC_NPROCESSORS_CONF))); ++core)

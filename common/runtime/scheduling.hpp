@@ -20,11 +20,11 @@ std::vector<std::string> lock_memory();
 std::vector<std::string> favour_new_threads();
 
 /// Sets the calling thread to SCHED_FIFO with `priority`, 1..99. Returns a warning if the system refused. The loop
-/// still runs then, with less exact timing. Threads that it starts later are ordinary.
+/// still runs then, with less exact timing. Threads that it starts later are ordinary in both cases.
 std::vector<std::string> request_real_time(int priority);
 
-/// For a thread that does input or output: ordinary priority, and all cores of the machine. The thread that started it
-/// may be pinned to a core.
+/// For a thread that does input or output: ordinary priority, no negative niceness, and all cores of the machine. The
+/// thread that started it may be favoured, or pinned to a core.
 void become_ordinary();
 
 /// A list of cores such as "2", "0-1,3". Throws std::invalid_argument for another text, and for an empty list.

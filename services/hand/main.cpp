@@ -5,6 +5,7 @@
 #include <chrono>
 #include <cstdio>
 #include <optional>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -13,6 +14,7 @@
 #include "hand/hand_size.hpp"
 #include "hand/object_shapes.hpp"
 #include "hand/work_price.hpp"
+#include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "messages/newest_couplings.hpp"
 #include "runtime/phase_lock.hpp"
@@ -64,6 +66,9 @@ HandSizeChoice choose_size(const std::vector<Scene>& scenes, const HandOptions& 
     log_line("this machine is too slow or too busy for the coarsest hand: steps will end before convergence");
   return choice;
 }
+
+// The key `world` of the rig's world. Other worlds in the domain are not of this rig.
+constexpr std::uint32_t kWorld = 0;
 
 // Of objects and of joints, taken in one step. A new one may arrive while another is taken, so a flood would not end.
 constexpr int kMostDescriptions = 32;
@@ -153,7 +158,7 @@ void run(int argc, char** argv) {
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
   NewestCouplings other_hands(couplings ? 2 * bus::topics::kHands : 0);  // as many as a reader follows
-  std::uint64_t refused_objects = 0;
+  std::uint64_t refused_objects = 0, other_worlds = 0;
   LoopLog log("softhand-hand");
   // The tracking loop passes a tracker's sample on within one of its own periods and the time of its step.
   constexpr Nanoseconds kWayOfSample = 500'000;
@@ -169,11 +174,18 @@ void run(int argc, char** argv) {
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
-    descriptions.take_some(kMostDescriptions, [&](const ObjectDescription& d) { shapes.request(d); });
-    const auto refuse = [&](const ObjectDescription& d, const std::string& problem) {
+    const auto refuse = [&](const ObjectDescription& d, std::string_view problem) {
       ++refused_objects;
       if (!problem.empty()) log.line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
     };
+    descriptions.take_some(kMostDescriptions, [&](const ObjectDescription& d) {
+      // The hand would ignore all samples of the object until that time.
+      if (age_of(d.stamp.sample_time, now)) {
+        shapes.request(d);
+      } else {
+        refuse(d, "its sample time is in the future");
+      }
+    });
     shapes.deliver(
         [&](const ObjectDescription& d, std::shared_ptr<const ShapeGeometry> shape) {
           try {
@@ -194,7 +206,14 @@ void run(int argc, char** argv) {
     HandInput input;
     if (skeletons[0].take_latest(newest[0])) input.skeleton = &newest[0];
     if (skeletons.size() > 1 && skeletons[1].take_latest(newest[1])) input.second_skeleton = &newest[1];
-    if (worlds.take_latest(*world)) input.world = world.get();
+    worlds.take_all([&](const WorldObjects& each) {
+      if (each.world != kWorld) {
+        ++other_worlds;
+        return;
+      }
+      *world = each;
+      input.world = world.get();
+    });
     heads.take_all([&](const HeadPose& each) {
       if (each.user != user) return;
       head = each;
@@ -234,7 +253,12 @@ void run(int argc, char** argv) {
     loop.fill_status(status, now);
     for (const auto& reader : skeletons) count_inputs(status, p, reader);
     count_inputs(status, p, heads, worlds, descriptions, joints);
-    if (couplings) add_counter(status, "patches_used", static_cast<double>(loop.simulation().work().patches_used));
+    add_counter(status, "other_worlds", static_cast<double>(other_worlds));
+    if (couplings) {
+      count_inputs(status, p, *couplings);
+      add_counter(status, "couplings_from_future", static_cast<double>(other_hands.refused_future()));
+      add_counter(status, "patches_used", static_cast<double>(loop.simulation().work().patches_used));
+    }
     add_counter(status, "hand_nodes", nodes);
     add_counter(status, "phase_locked", phase_lock.locked() ? 1 : 0);
     add_counter(status, "sample_wait_ms", static_cast<double>(phase_lock.wait()) * 1e-6);

@@ -47,6 +47,9 @@ void check(const ObjectDescription& description) {
     if (!in_range)
       throw std::invalid_argument(std::string(what) + " is " + std::to_string(value) + ", expected " + expected);
   };
+  if (description.object == 0 || description.object >= kFirstSoftObject)
+    throw std::invalid_argument("the id is " + std::to_string(description.object) + ", expected 1 to " +
+                                std::to_string(kFirstSoftObject - 1));
   constexpr double kMost = 1e9;  // kg, kg m^2, 1: far above the range of a scene file, far below overflow
   demand("friction", description.friction, description.friction >= 0 && description.friction <= kMost, "0 to 1e9");
   if (description.is_static != 0) return;

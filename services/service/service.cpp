@@ -45,7 +45,8 @@ std::string prepared(const ServiceArguments& arguments, double rate_hz, Urgency 
   return arguments.module;
 }
 
-// The number of other hosts, how many of their clocks are not known, and the largest uncertainty of the others.
+// The number of other hosts, how many of their clocks are not known, the largest uncertainty of the others, and the
+// beacons of hosts for which there was no room.
 void count_clocks(LoopStatus& status, const bus::Participant& participant) {
   const auto clocks = participant.clocks();
   if (clocks.empty()) return;
@@ -57,6 +58,7 @@ void count_clocks(LoopStatus& status, const bus::Participant& participant) {
   add_counter(status, "other_hosts", static_cast<double>(clocks.size()));
   add_counter(status, "unknown_clocks", unknown);
   add_counter(status, "clock_uncertainty_ms", 1e3 * uncertainty);
+  add_counter(status, "refused_beacons", static_cast<double>(participant.refused_beacons()));
 }
 
 // `extend` adds options to those that every service has.
@@ -223,6 +225,7 @@ void Service::run(const Callbacks& callbacks) {
     set_text(status.module, module_);
     loop.fill(status);
     callbacks.fill_status(status, own_clock.at(real));
+    count_inputs(status, participant_, messages_);
     if (pacing_ == Pacing::simulated) {
       add_counter(status, "pace", clock().pace(real));
       add_counter(status, "behind_s", static_cast<double>(real - clock().at(real)) * 1e-9);
@@ -236,25 +239,12 @@ void Service::run(const Callbacks& callbacks) {
   loop.run(stop_.flag(), own_clock, step, between);
 }
 
-void count_input(LoopStatus& status, const bus::Participant& participant, std::string_view topic,
-                 const bus::ReaderCounters& counters) {
+void count_input(LoopStatus& status, const bus::Participant& participant, const bus::ReaderCounters& counters) {
   status.input_drops +=
       counters.lost + counters.refused + counters.crowded + counters.refused_stamp + counters.second_writer;
   add_to_counter(status, "refused_stamp", static_cast<double>(counters.refused_stamp));
   add_to_counter(status, "second_writer", static_cast<double>(counters.second_writer));
-  if (counters.second_writer == 0) return;
-  const std::string_view short_topic = topic.substr(topic.rfind('/') + 1);
-  const auto width = static_cast<int>(short_topic.size());
-  bus::Peer peer;
-  char* const out = status.second_writer.data();
-  constexpr std::size_t size = sizeof status.second_writer;
-  if (participant.find_peer(counters.second_epoch, peer)) {
-    std::snprintf(out, size, "%.*s: %.40s, process %d on %.40s", width, short_topic.data(), peer.name.data(),
-                  peer.process_id, peer.host.data());
-  } else {
-    std::snprintf(out, size, "%.*s: unknown, epoch %016llx", width, short_topic.data(),
-                  static_cast<unsigned long long>(counters.second_epoch));
-  }
+  if (counters.second_writer > 0) status.second_writer = participant.second_writer();
 }
 
 int guarded_main(const std::string& module, const std::function<void()>& body) {

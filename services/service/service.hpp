@@ -10,6 +10,7 @@
 #include "messages/messages.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/signals.hpp"
+#include "service/clock_check.hpp"
 #include "service/time_control.hpp"
 
 namespace softhand {
@@ -99,15 +100,15 @@ class Service {
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> status_writer_;
   std::uint32_t clock_id_;
+  ClockCheck clock_check_{participant_, module_};
 };
 
 /// Adds what a reader lost and refused to a status: `input_drops`, the counters of refused stamps and of samples of
-/// second writers, and the name of such a writer.
-void count_input(LoopStatus& status, const bus::Participant& participant, std::string_view topic,
-                 const bus::ReaderCounters& counters);
+/// second writers, and the name of the last such writer of all readers.
+void count_input(LoopStatus& status, const bus::Participant& participant, const bus::ReaderCounters& counters);
 template <typename... Readers>
 void count_inputs(LoopStatus& status, const bus::Participant& participant, const Readers&... readers) {
-  (count_input(status, participant, readers.topic_name(), readers.counters()), ...);
+  (count_input(status, participant, readers.counters()), ...);
 }
 
 /// main() of a service: an exception from `body` becomes one line on stderr and exit code 1. For a ConfigError the exit

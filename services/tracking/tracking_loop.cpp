@@ -147,14 +147,20 @@ TrackingLoop::TrackingLoop(const TrackingOptions& options, double hand_rate_hz, 
   bone_contacts_ = {};
 }
 
+/// Counts a sample of the hand that may not be used. A sample of a hand in time is younger than two of its periods.
+bool TrackingLoop::is_timely(Nanoseconds sample_time, Nanoseconds now) {
+  const std::optional<double> age = age_of(sample_time, now);
+  if (!age) ++refused_future_;
+  const bool is_late = age > options_.simulated_stale_after;
+  if (is_late) ++refused_late_;
+  return age && !is_late;
+}
+
 void TrackingLoop::take_simulated(const Skeleton& simulated, Nanoseconds now) {
   if (simulated_any_ && simulated.stamp.epoch == simulated_stamp_.epoch &&
       simulated.stamp.sequence <= simulated_stamp_.sequence)
     return;
-  if (!age_of(simulated.stamp.sample_time, now)) {
-    ++refused_future_;
-    return;
-  }
+  if (!is_timely(simulated.stamp.sample_time, now)) return;
   simulated_stamp_ = simulated.stamp;
   simulated_arrival_ = now;
   simulated_any_ = true;
@@ -312,9 +318,7 @@ const TrackingOutput& TrackingLoop::step(Nanoseconds now, const TrackingInput& i
   const bool is_timed = input.tracked != nullptr && is_plausible(input.tracked->stamp.sample_time, now);
   if (input.tracked != nullptr && (!is_timed || is_usable(input.tracked))) input_.add_sample(*input.tracked, now);
   if (is_usable(input.simulated)) take_simulated(*input.simulated, now);
-  if (is_usable(input.contacts) && !age_of(input.contacts->stamp.sample_time, now)) {
-    ++refused_future_;
-  } else if (is_usable(input.contacts)) {
+  if (is_usable(input.contacts) && is_timely(input.contacts->stamp.sample_time, now)) {
     bone_contacts_ = sum_contacts(*input.contacts);
     contacts_arrival_ = now;
     contacts_time_ = input.contacts->stamp.sample_time;
@@ -464,6 +468,7 @@ void TrackingLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add("refused_order", c.refused_order);
   add("refused_mount", c.refused_mount);
   add("refused_future", refused_future_);
+  add("refused_late", refused_late_);
   add("refused_head_clock", c.refused_head_clock);
   add("implausible_clock", c.implausible_clock);
   add("inferred", c.inferred);

@@ -86,6 +86,7 @@ class TrackingLoop {
     visit(self.sequence_);
     visit(self.simulated_refused_);
     visit(self.refused_future_);
+    visit(self.refused_late_);
   }
   /// Calls visit(name, value) for all parts of the state after a step.
   template <typename Visit>
@@ -130,6 +131,7 @@ class TrackingLoop {
     double feedback_energy = 0;  // J, spring to the copy of the simulated skeleton
   };
 
+  bool is_timely(Nanoseconds sample_time, Nanoseconds now);
   void take_simulated(const Skeleton& simulated, Nanoseconds now);
   Pose simulated_at(const Bone& bone, double age) const;
   struct Spring {
@@ -166,6 +168,7 @@ class TrackingLoop {
   std::uint64_t sequence_ = 0;
   std::uint64_t simulated_refused_ = 0;  // joints of the simulated skeleton with non-finite or absurd values
   std::uint64_t refused_future_ = 0;     // simulated skeletons and contacts from the future
+  std::uint64_t refused_late_ = 0;       // the same, older than `simulated_stale_after` at their arrival
   TrackingOutput output_;
 };
 

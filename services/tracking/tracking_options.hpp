@@ -27,9 +27,11 @@ inline void describe(OptionVisitor& v, TrackingOptions& o) {
            "Mass and inertia of an intermediate bone, divided by those of the bone in the hand file.");
   v.number("damping_ratio", o.damping_ratio, "1", {0.1, 3},
            "Damping ratio of the intermediate bones against the world. 1 = critical.");
-  v.number("simulated_stale_after", o.simulated_stale_after, "s", {0.005, 1},
-           "If the newest simulated skeleton is older than this, its spring and all coupling forces are zero. The age "
-           "is on the simulated clock, so at a slower pace this takes longer.");
+  v.number(
+      "simulated_stale_after", o.simulated_stale_after, "s", {0.005, 1},
+      "If no simulated skeleton came for this time, its spring and all coupling forces are zero. A skeleton that is "
+      "older than this at its arrival does not count. Both times are on the simulated clock, so at a slower pace "
+      "they take longer.");
   describe_section(v, "input", "Processing of tracker samples.", o.input);
 }
 

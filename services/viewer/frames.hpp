@@ -111,7 +111,7 @@ struct GatewayState {
   std::uint32_t rate_hz = 0;
   std::uint64_t bytes_sent = 0;
   std::uint64_t frames_sent = 0;
-  std::uint64_t frames_passed_over = 0;  ///< replaced by newer ones before a slow page took them
+  std::uint64_t frames_passed_over = 0;  ///< replaced by newer ones, or of too many streams, for a slow page
   std::uint64_t refused_content = 0;     ///< samples of topics with values that are not finite
   RefusalCounts refused{};
 };

@@ -97,6 +97,7 @@ class Page : public web::Session {
 
   TypeSet types() const { return socket_ != nullptr ? show_.types : 0; }
   bool gone() const { return gone_; }
+  bool may_control() const { return may_control_; }
 
   void opened(web::Socket& socket) override { socket_ = &socket; }
 
@@ -109,7 +110,13 @@ class Page : public web::Session {
       if (replies_.size() > kWaitingMessages) replies_.pop_front();
       return;
     }
-    Frame& waiting = streams_[{outgoing.type, outgoing.instance}].waiting;
+    const std::pair key{outgoing.type, outgoing.instance};
+    // Anybody on the domain can invent instances.
+    if (streams_.size() >= kMostStreams && !streams_.contains(key)) {
+      shared_.frames_passed_over.fetch_add(1, std::memory_order_relaxed);
+      return;
+    }
+    Frame& waiting = streams_[key].waiting;
     if (waiting != nullptr) shared_.frames_passed_over.fetch_add(1, std::memory_order_relaxed);
     waiting = outgoing.frame;
   }
@@ -126,8 +133,8 @@ class Page : public web::Session {
       // sample although its times are uneven.
       stream.due = std::max(stream.due, at - period) + period;
     }
-    // Anybody on the domain can invent instances. A stream that rests is forgotten.
-    if (streams_.size() > kMostStreams)
+    // Streams that rest make room for others.
+    if (streams_.size() >= kMostStreams)
       std::erase_if(streams_,
                     [at](const auto& each) { return each.second.waiting == nullptr && at >= each.second.due; });
     frames.insert(frames.end(), replies_.begin(), replies_.end());
@@ -255,7 +262,10 @@ class Server::Impl {
     site.most_connections = kMostConnections + max_pages_;
     site.controls = true;
     site.connect = [this](bool trusted) -> std::shared_ptr<web::Session> {
-      if (pages_.size() >= max_pages_) return nullptr;
+      // Pages without the token are counted apart, so that they cannot lock out the user.
+      const auto taken = std::count_if(pages_.begin(), pages_.end(),
+                                       [trusted](const auto& page) { return page->may_control() == trusted; });
+      if (static_cast<std::size_t>(taken) >= max_pages_) return nullptr;
       pages_.push_back(std::make_shared<Page>(shared_, rate_hz_, trusted, [this] { count_pages(); }));
       count_pages();
       return pages_.back();

@@ -36,8 +36,9 @@ struct ServerCounters {
 /// a newer frame of its type and instance replaces it. Rules of access: web/web_server.hpp. Thread-safe.
 class Server {
  public:
-  /// Starts listening and serves the files of `folder`. A page gets at most `rate_hz` frames per second of a type and
-  /// instance. Throws std::runtime_error with address and port if listening fails.
+  /// Starts listening and serves the files of `folder`. At most `max_pages` pages may control, and as many others may
+  /// watch. A page gets at most `rate_hz` frames per second of a type and instance. Throws std::runtime_error with
+  /// address and port if listening fails.
   Server(const web::Listening& listening, const std::string& folder, std::size_t max_pages, double rate_hz);
   ~Server();
 

@@ -25,7 +25,8 @@ inline void describe(OptionVisitor& v, ViewerOptions& o) {
            "Folder of the built page. Empty = ../share/softhand/viewer relative to the program's folder.");
   v.choice("node_encoding", o.node_encoding, {"int16", "float32"},
            "Encoding of tissue nodes for the page. int16 needs half the bytes and has an error of 5 um.");
-  v.integer("max_pages", o.max_pages, "1", {1, 1000}, "Largest number of open pages.");
+  v.integer("max_pages", o.max_pages, "1", {1, 1000},
+            "Largest number of open pages that may send messages. As many others may watch.");
 }
 
 }  // namespace softhand

@@ -24,6 +24,18 @@ constexpr void visit_fields(V&& v, M& m) {
   v.field("numbers", m.numbers);
   v.field("commands", m.commands);
 }
+/// device_state as sent by a writer that knows no commands.
+struct ShortDeviceState {
+  std::uint32_t device = 0;
+  HandKey hand;
+  Stamp stamp;
+};
+template <typename V, Is<ShortDeviceState> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("device", m.device);
+  v.field("hand", m.hand);
+  v.field("stamp", m.stamp);
+}
 
 namespace {
 
@@ -56,6 +68,29 @@ TEST(Bus, MalformedSamplesAreRefusedAndCounted) {
   EXPECT_EQ(proper.counters().failed, 1u);
 }
 
+// A program of another version writes the same key.
+TEST(Bus, MalformedSamplesDoNotDisplaceGoodOnes) {
+  const Participant own("own", testing::own_domain()), foreign("foreign", testing::own_domain()),
+      here("here", testing::own_domain());
+  Writer writer(own, topics::device_state);
+  Writer intruder(foreign, Topic<ShortDeviceState>{TopicRow(topics::device_state)});
+  Reader reader(here, topics::device_state);
+  ASSERT_TRUE(eventually([&] { return reader.writer_count() == 2 && writer.has_readers() && intruder.has_readers(); }));
+  DeviceState state;
+  int heard = 0;
+  for (int round = 0; round < 20; ++round) {
+    state.stamp.publish_time = state.stamp.sample_time = now();
+    writer.write(state);
+    std::this_thread::sleep_for(5ms);
+    intruder.write({});
+    std::this_thread::sleep_for(5ms);
+    heard += reader.take_latest(state) ? 1 : 0;
+  }
+  EXPECT_GE(heard, 15);  // best effort may lose a sample on a busy machine
+  EXPECT_GT(reader.counters().refused, 0u);
+  EXPECT_EQ(reader.counters().second_writer, 0u);
+}
+
 TEST(Bus, AnotherDefinitionOfATypeIsReportedOnceByBothSides) {
   ::testing::internal::CaptureStderr();
   {
@@ -74,6 +109,23 @@ TEST(Bus, AnotherDefinitionOfATypeIsReportedOnceByBothSides) {
   EXPECT_EQ(lines_with(log, "here" + what + "there has another definition"), 1) << log;
   EXPECT_EQ(lines_with(log, "there" + what + "here has another definition"), 1) << log;
   EXPECT_EQ(lines_with(log, "definition"), 2) << log;
+}
+
+// The list of other endpoints is limited, so it must forget those that left.
+TEST(Bus, EndpointsThatLeftAreForgotten) {
+  const Participant here("here", testing::own_domain()), there("there", testing::own_domain());
+  const Topic<LongDeviceState> other{TopicRow(topics::device_state)};
+  ::testing::internal::CaptureStderr();
+  {
+    Reader<DeviceState> reader(there, topics::device_state);
+    for (int i = 0; i < 2; ++i) {
+      Writer<LongDeviceState> writer(here, other);
+      EXPECT_TRUE(eventually([&] { return reader.writer_count() == 1; }));
+      std::this_thread::sleep_for(50ms);
+    }
+  }
+  const std::string log = ::testing::internal::GetCapturedStderr();
+  EXPECT_EQ(lines_with(log, "there: topic softhand/v1/device_state: module here has another definition"), 2) << log;
 }
 
 constexpr std::uint64_t kOwnEpoch = 7;

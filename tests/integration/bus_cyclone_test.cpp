@@ -9,6 +9,17 @@
 #include "integration/bus_harness.hpp"
 
 namespace softhand::bus::bus_cyclone_test {
+/// head_pose as an older program knows it: with the stamp only.
+struct ShortHeadPose {
+  std::uint32_t user = 0;
+  Stamp stamp;
+};
+template <typename V, Is<ShortHeadPose> M>
+constexpr void visit_fields(V&& v, M& m) {
+  v.key("user", m.user);
+  v.field("stamp", m.stamp);
+}
+
 namespace {
 
 /// Sends a message through Cyclone's generated C type and back. The echo must have the same bytes. Returns the values
@@ -64,6 +75,31 @@ TEST(BusAndCyclone, AnotherDefinitionOfATypeIsReportedByBothSides) {
     const auto found = lines.find("other_definition");
     EXPECT_EQ(found == lines.end() ? "" : found->second, is_same ? "" : "here");
   }
+}
+
+TEST(BusAndCyclone, MalformedSamplesAreCountedAndDisposedInstancesAreNot) {
+  setenv("CYCLONEDDS_URI", "file://" SOFTHAND_SOURCE_DIR "/config/dds/cyclonedds.xml", 1);
+  const Participant here("here", testing::own_domain()), older("older", testing::own_domain());
+  Writer writer(here, topics::head_pose);
+  const std::string echo_name = std::string(topics::head_pose.name) + "_echo";
+  Topic<HeadPose> echo = topics::head_pose;
+  echo.name = echo_name;
+  Reader reader(here, echo);
+  Reader older_reader(older, Topic<ShortHeadPose>{TopicRow(echo)});
+  Child cyclone({CYCLONE_SUBSCRIBER, std::to_string(testing::own_domain()), std::string(topics::head_pose.name)});
+  const auto sent = stamped<HeadPose>(5);
+  ShortHeadPose taken;
+  EXPECT_TRUE(eventually([&] {
+    writer.write(*sent);
+    EXPECT_FALSE(older_reader.take_latest(taken));
+    return older_reader.counters().refused > 0;
+  }));
+  int exit_code = 0;
+  cyclone.finish(exit_code);
+  EXPECT_TRUE(eventually([&] { return reader.writer_count() == 0; }));
+  HeadPose got;
+  EXPECT_TRUE(reader.take_latest(got)) << "the last sample stays";
+  EXPECT_EQ(reader.counters().refused, 0u);
 }
 
 double number(const std::map<std::string, std::string>& lines, const std::string& name) {

@@ -1,7 +1,7 @@
 /* cyclone_subscriber DOMAIN TOPIC [HASH]: reads one sample of a softhand topic with Cyclone DDS. Prints some fields by
  * name. HASH is that of the topic in idl/hashes.txt: the endpoints carry it, and writers with another one are printed.
  * Then it writes the whole sample on TOPIC_echo, until the reader there has it (standard input closes) or 20 s have
- * passed. This shows the other vendor's view of the wire. */
+ * passed. At last it disposes the instance. This shows the other vendor's view of the wire. */
 #include <inttypes.h>
 #include <poll.h>
 #include <stdio.h>
@@ -182,6 +182,7 @@ int main(int argc, char** argv) {
     if (dds_write(writer, sample[0]) != DDS_RETCODE_OK) return 1;
     if (poll(&input, 1, 20) > 0) break; /* closed */
   }
+  dds_dispose(writer, sample[0]);
   dds_delete(participant);
   return 0;
 }

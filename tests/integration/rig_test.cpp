@@ -21,6 +21,8 @@ namespace {
 constexpr const char* kTouch = "tests/integration/rig_touch.toml";  // two fingers stay on a fixed post
 constexpr std::uint32_t kHaptic = 1;                                // device ids of the demo
 constexpr std::uint32_t kTactile = 2;
+constexpr std::uint32_t kCube = 2;  // of the demo's objects
+constexpr double kHeld = 0.1;       // m; the cube is this high only in the hand
 
 // Limits for the time from a kill, ms. The promised value is 1000. These limits are for a machine that is six to nine
 // times oversubscribed (load 12 to 19 on two cores). Seven runs on such a machine gave up to 980 for the other
@@ -305,6 +307,53 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   const Finished refused = send("haptic", "gain", "2");
   EXPECT_EQ(answers(refused)["haptic"], "REFUSED") << refused.output;
   EXPECT_EQ(refused.exit_code, 1);
+}
+
+// An outsider writes another world, describes the held cube as of tomorrow, and is a hand of tomorrow.
+TEST_F(Rig, TheHandHoldsItsCubeBesideAnotherWorld) {
+  RigListener listener;
+  Up up(kDemo, {"--set", "hand.simulation.other_hands=true"});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  const bus::Participant outsider("outsider");
+  bus::Writer worlds(outsider, bus::topics::objects);
+  bus::Writer descriptions(outsider, bus::topics::object_description);
+  bus::Writer couplings(outsider, bus::topics::object_coupling);
+  const auto height = [&] { return listener.objects.count(kCube) != 0 ? listener.objects.at(kCube)[1] : 0.0; };
+  ASSERT_TRUE(listener.wait(20s, [&] { return height() > kHeld; })) << "the cube was never lifted";
+
+  constexpr Nanoseconds kDay = 86'400'000'000'000;
+  const auto stamp = [&](Stamp& out, Nanoseconds later) {
+    ++out.sequence;
+    out.epoch = outsider.epoch();
+    out.publish_time = now();
+    out.sample_time = out.publish_time + later;
+  };
+  ObjectDescription cube;
+  cube.object = kCube;
+  cube.mass = 0.05;
+  cube.inertia = {1e-5, 1e-5, 1e-5};
+  cube.shape.size = {0.02, 0, 0};
+  stamp(cube.stamp, kDay);
+  descriptions.write(cube);
+  auto world = std::make_unique<WorldObjects>();
+  world->world = 1;
+  auto coupling = std::make_unique<ObjectCoupling>();
+  coupling->hand = {3, 0};
+  double lowest = 1;
+  const Nanoseconds end = now() + 600'000'000;
+  while (now() < end) {
+    stamp(world->stamp, 0);
+    worlds.write(*world);
+    stamp(coupling->stamp, kDay);
+    couplings.write(*coupling);
+    listener.listen(2ms);
+    lowest = std::min(lowest, height());
+  }
+  EXPECT_GT(lowest, kHeld - 0.01) << "the hand let the cube fall";
+  EXPECT_TRUE(listener.wait(2s, [&] { return listener.counter("hand", "other_worlds") > 0; }));
+  EXPECT_EQ(listener.counter("hand", "refused_objects"), 1);
+  EXPECT_GT(listener.counter("hand", "refused_stamp"), 0) << "of the outsider's couplings";
+  EXPECT_EQ(listener.counter("hand", "couplings_from_future"), 0) << "their reader has refused them";
 }
 
 TEST_F(Rig, FollowsATrackerThatRestartsItsMotionAtOnce) {

@@ -162,6 +162,40 @@ TEST(HostClocks, AClockThatIsSilentForLongIsUnknown) {
   EXPECT_FALSE(clocks.to_local(stamp));
 }
 
+// One more host, or a program that invents clocks.
+TEST(HostClocks, NewClocksTakeOnlyThePlaceOfSilentOnes) {
+  HostClocks clocks(kOwn, false);
+  BoundedVector<HostClock, kMaxHosts> found;
+  Nanoseconds now = 10'000 * kSecond;
+  const auto hear = [&](std::uint32_t id) {
+    ClockBeacon sample = beacon(now, true);
+    sample.stamp.clock_id = id;
+    clocks.heard(sample, now, {});
+  };
+  const auto is_known = [&](std::uint32_t id) {
+    Stamp stamp = stamp_of(id, now - kOffset);
+    return clocks.to_local(stamp);
+  };
+  constexpr std::uint32_t kFirst = 100, kEnd = kFirst + kMaxHosts;
+  std::uint32_t invented = 1000;
+  std::uint64_t refused = 0;
+  for (int round = 0; round < 20; ++round, now += kSecond / 10) {
+    for (std::uint32_t id = kFirst; id < kEnd; ++id) hear(id);
+    clocks.update(now, found);
+    for (int i = 0; i < 16; ++i, ++refused) hear(invented++);
+    for (std::uint32_t id = kFirst; id < kEnd; ++id) EXPECT_TRUE(is_known(id)) << id;
+  }
+  EXPECT_EQ(clocks.refused(), refused);
+  for (int round = 0; round < 12; ++round, now += kSecond / 10) {
+    for (std::uint32_t id = kFirst + 1; id < kEnd; ++id) hear(id);
+    hear(kEnd);
+    clocks.update(now, found);
+  }
+  EXPECT_TRUE(is_known(kEnd));
+  EXPECT_FALSE(is_known(kFirst)) << "it is silent";
+  EXPECT_TRUE(is_known(kFirst + 1));
+}
+
 // Differences of samples by differences of stamps are velocities.
 TEST(HostClocks, TheOffsetInUseHasNoSteps) {
   HostClocks clocks(kOwn, false);

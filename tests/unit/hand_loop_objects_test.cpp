@@ -340,6 +340,7 @@ TEST(HandLoop, RefusesUnusableDescriptions) {
       EXPECT_NE(std::string(error.what()).find(field), std::string::npos) << error.what();
     }
   };
+  for (const std::uint32_t id : {0u, kFirstSoftObject}) refused("id", [=](ObjectDescription& d) { d.object = id; });
   for (const double friction : {kNan, -0.1, 1e300})
     refused("friction", [=](ObjectDescription& d) { d.friction = friction; });
   for (const double mass : {kNan, 0.0, -1.0, 1e300}) refused("mass", [=](ObjectDescription& d) { d.mass = mass; });

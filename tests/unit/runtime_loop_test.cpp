@@ -1,6 +1,9 @@
 // Statistics, schedule, loop and simulated clock.
 #include <gtest/gtest.h>
+#include <linux/capability.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
@@ -404,7 +407,31 @@ TEST(Scheduling, ThreadsAreFavouredUntilTheLoopIsRealTime) {
     const int favoured = is_permitted ? -15 : before;
     EXPECT_EQ(niceness_of_a_new_thread(), favoured);
     const bool is_real_time = request_real_time(3).empty();
-    EXPECT_EQ(niceness_of_a_new_thread(), is_real_time && is_permitted ? 0 : favoured);
+    EXPECT_EQ(niceness_of_a_new_thread(), is_real_time || is_permitted ? 0 : before);
+  }).join();
+}
+
+// Takes the permission for real-time priority and negative niceness from the calling thread.
+void drop_sys_nice() {
+  __user_cap_header_struct header{_LINUX_CAPABILITY_VERSION_3, 0};
+  __user_cap_data_struct data[2];
+  ASSERT_EQ(syscall(SYS_capget, &header, data), 0);
+  data[0].effective &= ~(1u << CAP_SYS_NICE);
+  ASSERT_EQ(syscall(SYS_capset, &header, data), 0);
+}
+
+// The system permits the niceness and refuses the real-time priority.
+TEST(Scheduling, HelperThreadsOfARefusedLoopAreOrdinary) {
+  std::thread([] {
+    if (!favour_new_threads().empty()) GTEST_SKIP() << "negative niceness is not permitted";
+    drop_sys_nice();
+    std::thread([] {
+      become_ordinary();
+      EXPECT_EQ(getpriority(PRIO_PROCESS, 0), 0);
+    }).join();
+    if (request_real_time(3).empty()) GTEST_SKIP() << "everybody may have real-time priority";
+    EXPECT_EQ(getpriority(PRIO_PROCESS, 0), -15) << "the loop itself keeps what it has";
+    EXPECT_EQ(niceness_of_a_new_thread(), 0);
   }).join();
 }
 

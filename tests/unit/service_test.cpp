@@ -61,12 +61,12 @@ TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
   bus::Writer<ObjectCoupling> writers[] = {{first, bus::topics::object_coupling},
                                            {second, bus::topics::object_coupling}};
   bus::Reader reader(reading, bus::topics::object_coupling);
-  const auto status_of = [&](const bus::Participant& participant) {
+  const auto status_now = [&] {
     LoopStatus status;
-    count_inputs(status, participant, reader, reader);  // two inputs add up
+    count_inputs(status, reading, reader, reader);  // two inputs add up
     return status;
   };
-  EXPECT_EQ(get_text(status_of(reading).second_writer), "");
+  EXPECT_EQ(get_text(status_now().second_writer), "");
   auto sample = std::make_unique<ObjectCoupling>();
   for (int i = 0; i < 1000 && reader.counters().second_writer == 0; ++i) {
     for (bus::Writer<ObjectCoupling>& writer : writers) {
@@ -78,7 +78,7 @@ TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
   }
   const auto refused = static_cast<double>(reader.counters().second_writer);
   ASSERT_GT(refused, 0);
-  const LoopStatus status = status_of(reading);
+  const LoopStatus status = status_now();
   const std::string text(get_text(status.second_writer));
   const std::string process = " hand, process " + std::to_string(getpid()) + " on ";
   EXPECT_NE(text.find(process), std::string::npos) << text;
@@ -86,8 +86,44 @@ TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
   EXPECT_EQ(status.input_drops, static_cast<std::uint64_t>(2 * refused));
   for (const NamedValue& counter : status.counters)
     EXPECT_EQ(counter.value, get_text(counter.name) == "second_writer" ? 2 * refused : 0) << get_text(counter.name);
-  const bus::Participant stranger("stranger", domain + 1);
-  EXPECT_EQ(get_text(status_of(stranger).second_writer).substr(0, 24), "object_coupling: unknown");
+}
+
+// Of several readers, the last one that refused a sample names the second writer. The name stays when the writer
+// leaves.
+TEST(CountInputs, TheLastSecondWriterIsNamedAndItsNameStays) {
+  const int domain = testing::own_domain();
+  const bus::Participant own("own", domain), reading("reading", domain);
+  bus::Writer<ObjectCoupling> coupling(own, bus::topics::object_coupling);
+  bus::Writer<HeadPose> head(own, bus::topics::head_pose);
+  bus::Reader couplings(reading, bus::topics::object_coupling);
+  bus::Reader heads(reading, bus::topics::head_pose);
+  // A second writer with this epoch disturbs the first one until the reader has refused it.
+  const auto disturb = [](auto& first, auto& second, std::uint64_t epoch, auto& reader, auto sample) {
+    const auto write = [&](auto& writer, std::uint64_t writer_epoch) {
+      sample->stamp.epoch = writer_epoch;
+      sample->stamp.publish_time = sample->stamp.sample_time = now();
+      writer.write(*sample);
+      std::this_thread::sleep_for(std::chrono::milliseconds(2));
+    };
+    for (int i = 0; i < 1000 && !reader.take_latest(*sample); ++i) write(first, 1);
+    for (int i = 0; i < 1000 && reader.counters().second_writer == 0; ++i) write(first, 1), write(second, epoch);
+    EXPECT_GT(reader.counters().second_writer, 0u);
+  };
+  {
+    const bus::Participant intruder("intruder", domain);
+    bus::Writer<HeadPose> second_head(intruder, bus::topics::head_pose);
+    bus::Writer<ObjectCoupling> second_coupling(intruder, bus::topics::object_coupling);
+    disturb(head, second_head, 7, heads, std::make_unique<HeadPose>());
+    EXPECT_EQ(get_text(reading.second_writer()), "head_pose: unknown, epoch 0000000000000007");
+    disturb(coupling, second_coupling, intruder.epoch(), couplings, std::make_unique<ObjectCoupling>());
+  }
+  for (int i = 0; i < 1000 && reading.peers().size() > 1; ++i)
+    std::this_thread::sleep_for(std::chrono::milliseconds(2));
+  EXPECT_EQ(reading.peers().size(), 1u);
+  LoopStatus status;
+  count_inputs(status, reading, couplings, heads);
+  const std::string text(get_text(status.second_writer));
+  EXPECT_EQ(text.find("object_coupling: intruder, process " + std::to_string(getpid()) + " on "), 0u) << text;
 }
 
 // Each answer costs time of the loop, so a flood of messages must not come all at once.
@@ -119,6 +155,89 @@ TEST(Service, AnswersFewMessagesBetweenTwoSteps) {
                [](LoopStatus&, Nanoseconds) {}});
   EXPECT_EQ(answers, kSent);
   EXPECT_LE(most, 4);
+}
+
+TEST(Service, CountsMessagesThatOutlivedTheirTime) {
+  testing::use_own_domain();
+  const bus::Participant asker("asker");
+  bus::Writer messages(asker, bus::topics::message);
+  bus::Reader statuses(asker, bus::topics::loop_status);
+  ServiceArguments arguments;
+  arguments.role = "client";
+  arguments.module = "counting";
+  Service service(arguments, 100, Pacing::real, Urgency::ordinary);
+  double refused = 0;
+  int steps = 0, answers = 0;
+  service.run({[&](Nanoseconds) {
+                 if (++steps == 500 || refused > 0) raise(SIGTERM);
+                 if (steps % 100 == 1) {
+                   Message message;
+                   set_text(message.module, "counting");
+                   message.stamp.sample_time = message.stamp.publish_time = now() - 3'000'000'000;
+                   messages.write(message);
+                 }
+                 statuses.take_all([&](const LoopStatus& status) {
+                   for (const NamedValue& counter : status.counters)
+                     if (get_text(counter.name) == "refused_stamp") refused = counter.value;
+                 });
+               },
+               [&](const Message& message) {
+                 ++answers;
+                 return reply_to(message, "counting", kReplyApplied, "");
+               },
+               [](LoopStatus&, Nanoseconds) {}});
+  EXPECT_GT(refused, 0);
+  EXPECT_EQ(answers, 0);
+}
+
+// The times are those of the statuses. They need not be equal.
+TEST(ClockCheck, ComparesClocksAtOneTime) {
+  const auto status_at = [](double seconds, double pace, double behind) {
+    LoopStatus status;
+    status.stamp.sample_time = static_cast<Nanoseconds>(seconds * 1e9);
+    add_counter(status, "pace", pace);
+    add_counter(status, "behind_s", behind);
+    return status;
+  };
+  EXPECT_NEAR(*clock_difference(status_at(100, 1, 2), status_at(100.1, 1, 2)), 0, 1e-9);
+  EXPECT_NEAR(*clock_difference(status_at(100, 0.25, 2), status_at(100.1, 0.25, 2.075)), 0, 1e-9);
+  EXPECT_NEAR(*clock_difference(status_at(100, 1, 0), status_at(100.1, 0, 3)), 3, 1e-9);
+  EXPECT_NEAR(*clock_difference(status_at(100.1, 1, 0), status_at(100, 0, 3)), 3.1, 1e-9);
+  EXPECT_FALSE(clock_difference(status_at(100, 1, 0), LoopStatus{})) << "it has no simulated clock";
+  EXPECT_FALSE(clock_difference(status_at(100, 1, 0), status_at(0, 1, 3))) << "its time is not known";
+}
+
+// The rig was slowed down for a time before this process started.
+TEST(Service, NamesAModuleWhoseSimulatedClockDiffers) {
+  testing::use_own_domain();
+  const bus::Participant world("world");
+  bus::Writer statuses(world, bus::topics::loop_status);
+  LoopStatus status;
+  set_text(status.module, "the world");
+  status.stamp.epoch = world.epoch();
+  add_counter(status, "pace", 1);
+  add_counter(status, "behind_s", 2.5);
+  ServiceArguments arguments;
+  arguments.role = "client";
+  arguments.module = "latecomer";
+  ::testing::internal::CaptureStderr();
+  {
+    Service service(arguments, 100, Pacing::simulated, Urgency::ordinary);
+    int steps = 0;
+    service.run({.step =
+                     [&](Nanoseconds) {
+                       ++status.stamp.sequence;
+                       status.stamp.sample_time = status.stamp.publish_time = now();
+                       if (steps % 10 == 0) statuses.write(status);
+                       if (++steps == 120) raise(SIGTERM);
+                     },
+                 .fill_status = [](LoopStatus&, Nanoseconds) {}});
+  }
+  const std::string text = ::testing::internal::GetCapturedStderr(),
+                    start = "latecomer: the simulated clock of module ";
+  const std::size_t line = text.find(start + "the world is 2.500 s behind that of this process");
+  EXPECT_NE(line, std::string::npos) << text;
+  EXPECT_EQ(text.find(start, line + 1), std::string::npos) << "only once";
 }
 
 // Nobody reads stderr for a while, and its pipe is full. A loop must not wait for the reader.

@@ -11,6 +11,7 @@
 
 #include "math/rotation.hpp"
 #include "messages/convert.hpp"
+#include "support/counters.hpp"
 #include "unit/tracking_rig.hpp"
 
 namespace softhand::tracking_input_test {
@@ -453,6 +454,32 @@ TEST(Tracking, RefusesASimulatedSkeletonFromTheFuture) {
   EXPECT_EQ(refused->value, 200);
 }
 
+// A hand whose clock is behind publishes without a gap, but where the hand was long ago.
+TEST(Tracking, RefusesASimulatedHandThatArrivesLate) {
+  for (const int late_ms : {30, 50, 60'000}) {
+    TrackingLoop loop({}, kHandRate, hand(), {});
+    Pose held = still();
+    held.position.y() += 0.004;
+    BoneWrench last;
+    for (int i = 0; i < 100; ++i) {
+      const Nanoseconds now = kStart + i * kMillisecond;
+      const auto sequence = static_cast<std::uint64_t>(i) + 1;
+      const Skeleton tracked = skeleton_at(still(), sequence, now);
+      const Skeleton simulated = skeleton_at(held, sequence, now - late_ms * kMillisecond);
+      TrackingInput input;
+      input.tracked = &tracked;
+      input.simulated = &simulated;
+      last = loop.step(now, input).wrench;
+    }
+    const bool is_used = late_ms < 40;
+    EXPECT_EQ(last.simulated_valid, is_used ? 1u : 0u) << late_ms;
+    EXPECT_EQ(last.bones[8].coupling_force[1] > 1, is_used) << late_ms;
+    LoopStatus status;
+    loop.fill_status(status, kStart + 100 * kMillisecond);
+    EXPECT_EQ(testing::counter_of(status, "refused_late"), is_used ? 0 : 100) << late_ms;
+  }
+}
+
 // A sample may be taken while the step begins. -1 means that there is none.
 TEST(Tracking, TheAgeOfTheInputIsNeverNegative) {
   TrackingLoop loop({}, kHandRate, hand(), {});
@@ -463,6 +490,26 @@ TEST(Tracking, TheAgeOfTheInputIsNeverNegative) {
   LoopStatus status;
   loop.fill_status(status, kStart);
   EXPECT_EQ(status.input_age_ms, 0);
+}
+
+// The head may move away while nobody sees it.
+TEST(Tracking, AHandInTheFrameOfAHeadsetNeedsAHeadPoseOfTheLastSecond) {
+  for (const int heads : {1, 2}) {
+    TrackedInput input({});
+    HeadPose head;
+    head.valid = 1;
+    for (int i = 0; i < heads; ++i) {
+      head.stamp.sample_time = kStart - i * 11 * kMillisecond;
+      input.add_head_pose(head, kStart);
+    }
+    for (const int age_ms : {1, 999, 1001, 60'000}) {
+      const Nanoseconds now = kStart + age_ms * kMillisecond;
+      Skeleton sample = skeleton_at(still(), static_cast<std::uint64_t>(age_ms), now);
+      sample.frame = 1;
+      EXPECT_EQ(input.add_sample(sample, now), age_ms < 1000) << age_ms;
+    }
+    EXPECT_EQ(input.counters().refused_mount, 2u);
+  }
 }
 
 // A head pose from the future would make all present ones late.

@@ -1,13 +1,9 @@
 // The web server over real sockets: the host names under which it answers, whom it trusts, the number of connections,
 // its memory, and its behaviour without free file descriptors.
-#include <arpa/inet.h>
 #include <fcntl.h>
 #include <gtest/gtest.h>
-#include <ifaddrs.h>
 #include <malloc.h>
-#include <net/if.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -17,12 +13,15 @@
 #include <thread>
 #include <vector>
 
+#include "support/http_client.hpp"
 #include "web/web_server.hpp"
 
 namespace softhand::web {
 namespace {
 
 using namespace std::chrono_literals;
+using testing::HttpClient;
+using testing::lan_address;
 
 Site site() {
   Site site;
@@ -32,82 +31,24 @@ Site site() {
   return site;
 }
 
-/// Asks for one page.
-class HttpClient {
- public:
-  HttpClient() : socket_(::socket(AF_INET, SOCK_STREAM, 0)) {
-    const timeval timeout{10, 0};
-    setsockopt(socket_, SOL_SOCKET, SO_RCVTIMEO, &timeout, sizeof timeout);
-  }
-  ~HttpClient() { close(socket_); }
-  HttpClient(const HttpClient&) = delete;
-  HttpClient& operator=(const HttpClient&) = delete;
-  /// `address` is in network byte order.
-  void connect(const WebServer& server, in_addr_t address = htonl(INADDR_LOOPBACK)) {
-    sockaddr_in to{};
-    to.sin_family = AF_INET;
-    to.sin_port = htons(server.port());
-    to.sin_addr.s_addr = address;
-    EXPECT_EQ(::connect(socket_, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0);
-  }
-  void write(const std::string& text) { send(socket_, text.data(), text.size(), MSG_NOSIGNAL); }
-  /// The answer's first line.
-  std::string ask(const std::string& host) {
-    write("GET / HTTP/1.1\r\nHost: " + host + "\r\nConnection: close\r\n\r\n");
-    return line();
-  }
-  std::string open_socket(const std::string& target, const std::string& host) {
-    write("GET " + target + " HTTP/1.1\r\nHost: " + host +
-          "\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
-          "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n");
-    return line();
-  }
-  std::string line() {
-    std::string line;
-    for (char c = 0; recv(socket_, &c, 1, 0) == 1 && c != '\r';) line += c;
-    return line;
-  }
-  /// True if the server has closed the connection without an answer.
-  bool is_closed() {
-    char c = 0;
-    return recv(socket_, &c, 1, 0) == 0;
-  }
-
- private:
-  int socket_;
-};
-
 std::string ask(const WebServer& server, const std::string& host) {
   HttpClient client;
-  client.connect(server);
+  client.connect(server.port());
   return client.ask(host);
-}
-
-// An address of this machine that is not a loopback address, or 0. A connection to it comes from it.
-in_addr_t lan_address() {
-  ifaddrs* all = nullptr;
-  in_addr_t found = 0;
-  if (getifaddrs(&all) != 0) return 0;
-  for (const ifaddrs* each = all; each != nullptr; each = each->ifa_next) {
-    if (each->ifa_addr != nullptr && each->ifa_addr->sa_family == AF_INET && (each->ifa_flags & IFF_LOOPBACK) == 0)
-      found = reinterpret_cast<const sockaddr_in*>(each->ifa_addr)->sin_addr.s_addr;
-  }
-  freeifaddrs(all);
-  return found;
 }
 
 TEST(WebServer, ClosesConnectionsAboveItsLimit) {
   const WebServer server({.address = "0.0.0.0"}, site());
   std::list<HttpClient> idle(64);
-  for (HttpClient& each : idle) each.connect(server);
+  for (HttpClient& each : idle) each.connect(server.port());
   {
     HttpClient one;
-    one.connect(server);
+    one.connect(server.port());
     EXPECT_TRUE(one.is_closed());
   }
   if (const in_addr_t lan = lan_address(); lan != 0) {
     HttpClient other;
-    other.connect(server, lan);
+    other.connect(server.port(), lan);
     EXPECT_EQ(other.ask("localhost"), "HTTP/1.1 200 OK") << "other machines are counted apart";
   }
   idle.pop_back();
@@ -131,7 +72,7 @@ TEST(WebServer, DoesNotCopyTheFileForEachRequest) {
   const std::size_t before = used();
   std::list<HttpClient> clients(8);
   for (HttpClient& each : clients) {
-    each.connect(server);
+    each.connect(server.port());
     EXPECT_EQ(each.ask("localhost"), "HTTP/1.1 200 OK");
   }
   EXPECT_LT(used() - before, large.size() / 4);
@@ -152,7 +93,7 @@ TEST(WebServer, TrustsByAddressAndTokenAndNotByName) {
   EXPECT_EQ(server.url().find("token"), std::string::npos) << "programs of this machine need no token";
   const auto is_trusted = [&](in_addr_t address, const std::string& target, const std::string& host) {
     HttpClient client;
-    client.connect(server, address);
+    client.connect(server.port(), address);
     EXPECT_EQ(client.open_socket(target, host), "HTTP/1.1 503 Service Unavailable");
     return trusted.back();
   };
@@ -218,7 +159,7 @@ TEST(WebServer, IdlesWithoutFreeFileDescriptorsAndContinuesAfterwards) {
   std::vector<int> taken;
   for (int file = 0; (file = open("/dev/null", O_RDONLY)) >= 0;) taken.push_back(file);
   ASSERT_FALSE(taken.empty());
-  client.connect(server);
+  client.connect(server.port());
   const double before = cpu_seconds();
   std::this_thread::sleep_for(500ms);
   EXPECT_LT(cpu_seconds() - before, 0.1);

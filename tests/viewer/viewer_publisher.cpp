@@ -289,6 +289,8 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "ball") {
         ball_shape = get_text(message.value);
         ball_description.removed = ball_shape == "removed" ? 1 : 0;
+        // No file of this name is shipped.
+        set_text(ball_description.file.name, ball_shape.starts_with("unknown") ? "late_ball" : "sponge_ball");
         soft_descriptions.write(ball_description);
       }
       if (get_text(message.key) == "motors") motors = get_text(message.value) == "on";
