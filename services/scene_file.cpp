@@ -17,15 +17,21 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Finds a file that a scene names. Search order: relative to the scene's folder (or absolute), in the folder of its
-// kind in config/, relative to the working directory.
-std::string find_file(const Scene& scene, const std::string& name, const char* folder) {
+// Where a scene finds its files, in search order: in its own folder, in the folder of their kind beside it, in the
+// working directory, in the shipped folder of their kind.
+std::vector<fs::path> search_folders(const Scene& scene, const char* kind) {
   const fs::path beside = fs::path(scene.path).parent_path();
-  for (const fs::path& candidate : {beside / name, beside / ".." / folder / name, fs::path(name)}) {
+  return {beside, beside / ".." / kind, ".", fs::path(SOFTHAND_CONFIG_DIR) / kind};
+}
+
+std::string find_file(const Scene& scene, const std::string& name, const char* kind) {
+  std::string searched;
+  for (const fs::path& folder : search_folders(scene, kind)) {
+    const fs::path candidate = folder / name;
     if (fs::exists(candidate) && !fs::is_directory(candidate)) return candidate.lexically_normal().string();
+    searched += (searched.empty() ? "" : ", ") + fs::absolute(folder / ".").lexically_normal().string();
   }
-  throw ConfigError(scene.path + ": no file '" + name + "' in the folder of the scene, in config/" + folder +
-                    " or in the working directory");
+  throw ConfigError(scene.path + ": no file '" + name + "' in any of these folders: " + searched);
 }
 
 // A file that the scene names belongs to the configuration.
@@ -289,9 +295,7 @@ std::vector<Scene> read_process_scenes(const std::string& path, const std::vecto
 
 std::vector<std::string> object_folders(const Scene& scene) {
   std::vector<std::string> folders = scene.object_folders;
-  const fs::path beside = fs::path(scene.path).parent_path();
-  for (const fs::path& folder : {beside, beside / ".." / "objects", fs::path(".")})
-    folders.push_back(folder.lexically_normal().string());
+  for (const fs::path& folder : search_folders(scene, "objects")) folders.push_back(folder.lexically_normal().string());
   return folders;
 }
 

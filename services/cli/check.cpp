@@ -51,6 +51,7 @@ void check_object(const std::string& path) {
 void check_rig(const std::string& path) {
   const RigOptions rig = read_rig(path);
   read_checked_scene(rig.scene);
+  check_programs(rig, path);
   fmt::print("{}: a rig of {} processes on scene {}\n", path, chosen_processes(rig).size(), rig.scene);
 }
 

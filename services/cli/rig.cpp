@@ -1,7 +1,12 @@
 #include "cli/rig.hpp"
 
+#include <fmt/format.h>
+#include <unistd.h>
+
 #include <algorithm>
 #include <cctype>
+#include <cerrno>
+#include <cstring>
 #include <filesystem>
 #include <iterator>
 #include <set>
@@ -20,12 +25,21 @@ std::vector<std::string> words(const std::string& text) {
   return {std::istream_iterator<std::string>(in), {}};
 }
 
+std::string program_path(const RigProcess& process) {
+  // An absolute path replaces the folder.
+  return fs::read_symlink("/proc/self/exe").parent_path() / process.program;
+}
+
 RigOptions read(const std::string& path, std::set<fs::path>& seen) {
   if (!seen.insert(fs::weakly_canonical(path)).second) throw ConfigError(path + ": extends: extends itself");
   RigOptions rig;
   read_toml(rig, path);
   const fs::path folder = fs::path(path).parent_path();
   if (!rig.scene.empty()) rig.scene = (folder / rig.scene).lexically_normal().string();
+  for (RigProcess& process : rig.processes) {
+    if (process.program.find('/') != std::string::npos)
+      process.program = fs::absolute(folder / process.program).lexically_normal().string();
+  }
   if (rig.extends.empty()) return rig;
   RigOptions base = read((folder / rig.extends).lexically_normal().string(), seen);
   base.name = rig.name;
@@ -76,6 +90,31 @@ RigOptions read_rig(const std::string& path) {
                         "'; expected the choice of a process");
   }
   return rig;
+}
+
+void check_programs(const RigOptions& rig, const std::string& path) {
+  for (const RigProcess& process : rig.processes) {
+    const std::string program = program_path(process);
+    if (process.optional && !fs::exists(program)) continue;
+    const bool is_folder = fs::is_directory(program);
+    if (!is_folder && access(program.c_str(), X_OK) == 0) continue;
+    throw ConfigError(fmt::format(
+        "{}: process '{}': program {}: {}; expected a program in the folder of softhand, or a path with a '/'", path,
+        process.name, program, std::strerror(is_folder ? EISDIR : errno)));
+  }
+}
+
+std::vector<std::string> command_of(const RigProcess& process, const std::string& scene,
+                                    const std::vector<std::string>& overrides) {
+  constexpr std::string_view kScene = "{scene}";
+  std::vector<std::string> command{program_path(process)};
+  for (std::string& word : words(process.arguments)) {
+    for (std::size_t at = 0; (at = word.find(kScene, at)) != std::string::npos; at += scene.size())
+      word.replace(at, kScene.size(), scene);
+    command.push_back(word);
+  }
+  for (const std::string& assignment : overrides) command.insert(command.end(), {"--set", assignment});
+  return command;
 }
 
 std::string full_name(const RigOptions& rig) { return rig.part.empty() ? rig.name : rig.name + "/" + rig.part; }

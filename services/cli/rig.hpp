@@ -13,7 +13,7 @@ namespace softhand {
 struct RigProcess {
   std::string name;       ///< log prefix, and the module name under which the process publishes loop_status
   std::string choice;     ///< distinguishes processes of the same name; only one of them runs
-  std::string program;    ///< a file in the folder of `softhand`, or a path
+  std::string program;    ///< a file in the folder of `softhand`, or an absolute path
   std::string arguments;  ///< separated by spaces; {scene} is replaced by the scene file of the rig
   double ready_timeout = 5;
   double longest_silence = 3;  ///< s
@@ -26,9 +26,11 @@ inline void describe(OptionVisitor& v, RigProcess& o) {
   v.string("choice", o.choice,
            "Distinguishes processes of the same name. Only one of them runs: the first, or the one named in `choose`. "
            "Empty = the only process of its name. At most 63 characters, without spaces.");
-  v.string("program", o.program, "Program: a file in the folder of softhand, or a path.");
+  v.string("program", o.program,
+           "Program: a file in the folder of softhand. With a '/', a path relative to the rig file.");
   v.string("arguments", o.arguments,
-           "Arguments, separated by spaces. {scene} is replaced by the path of the rig's scene file.");
+           "Arguments, separated by spaces. {scene} is replaced by the path of the rig's scene file, also within an "
+           "argument.");
   v.flag("optional", o.optional, "Skip the process if its program was not built.");
   v.number("ready_timeout", o.ready_timeout, "s", {0, 60},
            "Time to wait for the first loop_status. After it the next process is started anyway.");
@@ -69,6 +71,14 @@ inline void describe(OptionVisitor& v, RigOptions& o) {
 /// Reads a rig and the rigs that it extends. The returned `scene` is relative to the working directory. Throws
 /// ConfigError, also for an unknown choice, and if processes of the same name are not distinguished by their choices.
 RigOptions read_rig(const std::string& path);
+
+/// Throws ConfigError if the program of a process, also of one that is not chosen, cannot be started. A program that is
+/// optional may be missing.
+void check_programs(const RigOptions& rig, const std::string& path);
+
+/// The program of the process and its arguments.
+std::vector<std::string> command_of(const RigProcess& process, const std::string& scene,
+                                    const std::vector<std::string>& overrides);
 
 /// How a rig appears to others: NAME, or NAME/PART.
 std::string full_name(const RigOptions& rig);

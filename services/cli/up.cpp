@@ -10,7 +10,6 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <set>
-#include <sstream>
 #include <thread>
 
 #include "bus/bus.hpp"
@@ -160,6 +159,7 @@ class RigControl {
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
     scene_ = read_checked_scene(rig_.scene, overrides_);
+    check_programs(rig_, arguments.rig);
     const fs::path folder = fs::path(rig_.scene).parent_path();
     for (const auto& entry : fs::directory_iterator(folder.empty() ? "." : folder)) {
       if (entry.path().extension() == ".toml" && !is_rig(entry.path().string()))
@@ -332,16 +332,6 @@ std::optional<RigHolder> take_domain(RigLock& lock, const bus::Participant& part
     if (!holder && (!asked.empty() || stop.requested() || Clock::now() - start > kDiscovery)) return std::nullopt;
     std::this_thread::sleep_for(milliseconds(5));
   }
-}
-
-std::vector<std::string> command_of(const RigProcess& process, const std::string& scene,
-                                    const std::vector<std::string>& overrides) {
-  const fs::path beside = fs::read_symlink("/proc/self/exe").parent_path() / process.program;
-  std::vector<std::string> command{process.program.find('/') == std::string::npos ? beside.string() : process.program};
-  std::istringstream words(process.arguments);
-  for (std::string word; words >> word;) command.push_back(word == "{scene}" ? scene : word);
-  for (const std::string& assignment : overrides) command.insert(command.end(), {"--set", assignment});
-  return command;
 }
 
 ChildSpec child_of(const RigProcess& process, std::vector<std::string> command) {

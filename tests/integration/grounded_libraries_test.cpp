@@ -8,6 +8,7 @@
 
 #include "haptics/dhd/stand_in.hpp"
 #include "haptics/openhaptics/stand_in.hpp"
+#include "runtime/exit_codes.hpp"
 #include "support/device_process.hpp"
 #include "support/shared_struct.hpp"
 
@@ -177,9 +178,12 @@ TYPED_TEST(GroundedLibrary, RefusesAbsurdPositions) {
   for (const JointSample& joint : this->listener_.hands[1].joints) EXPECT_TRUE(all_finite(joint.position));
 }
 
-TYPED_TEST(GroundedLibrary, SaysWhichLibraryIsMissing) {
+// `softhand up` does not start it again.
+TYPED_TEST(GroundedLibrary, AMissingLibraryIsAnErrorOfTheConfiguration) {
   this->start({"library=/nowhere/libmissing.so"});
-  EXPECT_NE(this->driver_->end(SIGTERM), 0);
+  const int status = this->driver_->end(SIGTERM);
+  EXPECT_TRUE(WIFEXITED(status));
+  EXPECT_EQ(WEXITSTATUS(status), kExitConfiguration);
 }
 
 class OpenHapticsProcess : public ::testing::Test {

@@ -1,12 +1,18 @@
 #!/usr/bin/env bash
-# check.sh SOURCE BUILD: installs the SDK of BUILD, builds the driver of this folder against it, and runs the driver.
+# check.sh SOURCE BUILD: installs the SDK of BUILD. Builds the driver of this folder and two samples against it, and
+# runs the driver.
 set -euo pipefail
 source=$1 build=$2 work=$2/outside_driver
 rm -rf "$work"
 cmake --install "$build" --prefix "$work/sdk" >/dev/null
 # The folder is copied, so that nothing in it can come from the source tree.
 cp -r "$source/tests/outside_driver" "$work/driver"
-cmake -S "$work/driver" -B "$work/build" -G Ninja -DCMAKE_BUILD_TYPE=Debug -DCMAKE_PREFIX_PATH="$work/sdk" >/dev/null
+mkdir "$work/driver/samples"
+for kind in trackers haptics; do cp -r "$source/services/$kind/sample" "$work/driver/samples/$kind"; done
+flags=
+if grep -qw avx /proc/cpuinfo; then flags=-mavx; fi  # other flags than those of the library
+cmake -S "$work/driver" -B "$work/build" -G Ninja -DCMAKE_BUILD_TYPE=Debug -DCMAKE_PREFIX_PATH="$work/sdk" \
+  -DCMAKE_CXX_FLAGS="$flags" >/dev/null
 cmake --build "$work/build"
 if grep -rl "$source/" "$work/sdk" --include=*.cmake --include=*.hpp; then
   echo "the installed SDK names the source tree"

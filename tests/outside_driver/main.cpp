@@ -6,6 +6,9 @@
 
 using namespace softhand;
 
+// The library was built for every x86-64 processor, this driver for one with AVX.
+static_assert(alignof(Pose) == 16, "Eigen aligns a pose of the driver otherwise than one of the library");
+
 class OutsideTracker final : public TrackerSource {
  public:
   explicit OutsideTracker(const OutsideOptions& options) {

@@ -64,12 +64,19 @@ class FilesTest : public ::testing::Test {
   fs::path folder_;
 };
 
-TEST_F(FilesTest, ShippedRigsAndScenesAreValid) {
-  for (const char* kind : {"scenes", "rigs"}) {
-    for (const auto& entry : fs::recursive_directory_iterator(kSource / "config" / kind)) {
-      if (entry.path().extension() == ".toml") {
-        EXPECT_EQ(complaint(entry.path().string()), "") << entry.path();
-      }
+TEST_F(FilesTest, ShippedScenesAreValid) {
+  for (const auto& entry : fs::recursive_directory_iterator(kSource / "config/scenes")) {
+    if (entry.path().extension() == ".toml") {
+      EXPECT_EQ(complaint(entry.path().string()), "") << entry.path();
+    }
+  }
+}
+
+// The programs of a rig are beside `softhand`, not beside this test.
+TEST_F(FilesTest, ShippedRigsAreValid) {
+  for (const auto& entry : fs::recursive_directory_iterator(kSource / "config/rigs")) {
+    if (entry.path().extension() == ".toml") {
+      EXPECT_NO_THROW(read_checked_scene(read_rig(entry.path().string()).scene)) << entry.path();
     }
   }
 }
@@ -152,6 +159,42 @@ TEST_F(FilesTest, ARigRunsOnWhenNobodyReadsItsOutput) {
   EXPECT_EQ(code, 0);
 }
 
+TEST_F(FilesTest, ARigWithAProgramThatCannotStartIsRefused) {
+  write("scene.toml", kShippedHand);
+  write("text.txt", "no program");
+  UpArguments arguments;
+  testing::use_own_domain();
+  for (const char* program : {"softhand-wrold", "./nothing", "text.txt", "./text.txt", "/tmp", ""}) {
+    arguments.rig = write(
+        "rig.toml", std::string("scene = \"scene.toml\"\n[[process]]\nname = \"a\"\nprogram = \"") + program + "\"\n");
+    EXPECT_NE(complaint(arguments.rig).find("process 'a': program "), std::string::npos) << program;
+    EXPECT_THROW(run_up(arguments), ConfigError) << program;
+  }
+  EXPECT_EQ(complaint(write("rig.toml",
+                            "scene = \"scene.toml\"\n[[process]]\nname = \"a\"\nprogram = \"softhand-not-built\"\n"
+                            "optional = true\n")),
+            "");
+}
+
+TEST_F(FilesTest, AProgramWithASlashIsRelativeToItsRigFile) {
+  fs::create_directories(folder_ / "bin");
+  fs::create_symlink("/bin/true", folder_ / "bin/mine");
+  write("scene.toml", kShippedHand);
+  const std::string rig =
+      write("rig.toml", "scene = \"scene.toml\"\n[[process]]\nname = \"a\"\nprogram = \"bin/mine\"\n");
+  EXPECT_EQ(complaint(rig), "");
+  EXPECT_EQ(command_of(read_rig(rig).processes[0], "", {}), std::vector{(folder_ / "bin/mine").string()});
+}
+
+TEST_F(FilesTest, TheSceneIsReplacedWithinAnArgument) {
+  RigProcess process;
+  process.program = "/bin/p";
+  process.arguments = "{scene} --config={scene} {scene}:{scene} {scen}";
+  EXPECT_EQ(command_of(process, "a {scene}", {"x=1"}),
+            (std::vector<std::string>{"/bin/p", "a {scene}", "--config=a {scene}", "a {scene}:a {scene}", "{scen}",
+                                      "--set", "x=1"}));
+}
+
 TEST_F(FilesTest, ASummaryThatCannotBeWrittenIsRefusedBeforeTheStart) {
   write("scene.toml", kShippedHand);
   const fs::path started = folder_ / "started";
@@ -170,6 +213,16 @@ TEST_F(FilesTest, ASummaryThatCannotBeWrittenIsRefusedBeforeTheStart) {
 TEST_F(FilesTest, AMissingHandIsRefusedByItsName) {
   const std::string path = write("scene.toml", "[hand]\nmodel = \"nobody.hand.json\"\n");
   EXPECT_NE(complaint(path).find("nobody.hand.json"), std::string::npos) << complaint(path);
+}
+
+TEST_F(FilesTest, ASceneElsewhereFindsShippedHandsAndObjects) {
+  const std::string object = "[[objects]]\nname = \"a\"\nshape = \"file\"\nfile = \"mug\"\n";
+  const std::string path = write("scene.toml", "[hand]\nmodel = \"right_400.hand.json\"\n" + object);
+  EXPECT_EQ(complaint(path), "");
+  EXPECT_EQ(object_folders(read_scene(path)).back(), kSource / "config/objects");
+  const std::string missing = complaint(write("scene.toml", "[hand]\nmodel = \"nobody.hand.json\"\n"));
+  for (const fs::path& folder : {folder_, fs::current_path(), kSource / "config/hands"})
+    EXPECT_NE(missing.find(folder.string() + "/"), std::string::npos) << missing;
 }
 
 TEST_F(FilesTest, RefusesAFolderInPlaceOfAFile) {

@@ -23,7 +23,7 @@ namespace softhand {
 class Dhd final : public GroundedDevice {
  public:
   using Options = DhdOptions;
-  /// Throws std::runtime_error if the library cannot be loaded.
+  /// Throws ConfigError if the library cannot be loaded.
   Dhd(const Options& options, const HandModel& hand)
       : GroundedDevice(options.point, hand),
         options_(options),

@@ -19,7 +19,7 @@ namespace softhand {
 class OpenHaptics final : public GroundedDevice {
  public:
   using Options = OpenHapticsOptions;
-  /// Throws std::runtime_error if the library cannot be loaded.
+  /// Throws ConfigError if the library cannot be loaded.
   OpenHaptics(const Options& options, const HandModel& hand)
       : GroundedDevice(options.point, hand), options_(options), library_(options.library) {
     std::printf("loaded %s\n", options.library.c_str());

@@ -1,7 +1,7 @@
 // The sample glove against the conformance kit.
 #include "support/conformance.hpp"
 
-#include "haptics/sample/sample_glove.hpp"
+#include "sample_glove.hpp"
 #include "support/force_packets.hpp"
 
 namespace softhand {

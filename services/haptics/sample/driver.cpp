@@ -1,6 +1,6 @@
 #include "device/driver.hpp"
 
-#include "haptics/sample/sample_glove.hpp"
+#include "sample_glove.hpp"
 
 namespace {
 const softhand::RegisterDriver<softhand::DeviceOptions<softhand::SampleGloveOptions>> driver{

@@ -1,8 +1,8 @@
 // The sample pad against the conformance kit.
 #include "support/conformance.hpp"
 
+#include "sample_pad.hpp"
 #include "support/force_packets.hpp"
-#include "tactile/sample/sample_pad.hpp"
 
 namespace softhand {
 namespace {

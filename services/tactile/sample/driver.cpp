@@ -1,6 +1,6 @@
 #include "device/driver.hpp"
 
-#include "tactile/sample/sample_pad.hpp"
+#include "sample_pad.hpp"
 
 namespace {
 const softhand::RegisterDriver<softhand::DeviceOptions<softhand::SamplePadOptions>> driver{

@@ -1,6 +1,6 @@
 #include "device/driver.hpp"
 
-#include "trackers/sample/sample_options.hpp"
+#include "sample_options.hpp"
 
 namespace {
 const softhand::RegisterDriver<softhand::SampleOptions> driver{"tracker_sample",

@@ -2,8 +2,8 @@
 // qw.
 #include "device/intake.hpp"
 #include "messages/convert.hpp"
+#include "sample_options.hpp"
 #include "service/tracker_service.hpp"
-#include "trackers/sample/sample_options.hpp"
 
 using namespace softhand;
 
