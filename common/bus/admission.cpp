@@ -57,8 +57,8 @@ bool AdmissionFilter::evaluate(const SerializedPayload& payload, const FilterSam
     return false;
   }
   if (has_one_writer_ && !place->followed.accept(stamp, time)) {
-    second_writer_.fetch_add(1, std::memory_order_relaxed);
     peers_.note_second_writer(topic_, stamp.epoch);
+    second_writer_.fetch_add(1, std::memory_order_release);
     return false;
   }
   place->writer = stamp.epoch;
@@ -70,7 +70,7 @@ void AdmissionFilter::count(ReaderCounters& out) const {
   out.refused += malformed_.load(std::memory_order_relaxed);
   out.crowded = crowded_.load(std::memory_order_relaxed);
   out.refused_stamp = refused_stamp_.load(std::memory_order_relaxed);
-  out.second_writer = second_writer_.load(std::memory_order_relaxed);
+  out.second_writer = second_writer_.load(std::memory_order_acquire);
 }
 
 AdmissionFilter::Admitted* AdmissionFilter::place_of(const KeyHash& key, std::uint64_t writer, Nanoseconds time) const {

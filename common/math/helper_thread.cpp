@@ -1,5 +1,6 @@
 #include "math/helper_thread.hpp"
 
+#include <sys/resource.h>
 #include <sys/socket.h>
 #include <sys/un.h>
 #include <unistd.h>
@@ -70,11 +71,12 @@ HelperThread::HelperThread() : caller_(pthread_self()) {
     return;
   }
   // A real-time loop may be set to start only ordinary threads.
-  const int policy = sched_getscheduler(0);
+  const int policy = sched_getscheduler(0), niceness = getpriority(PRIO_PROCESS, 0);
   sched_param parameters{};
   sched_getparam(0, &parameters);
-  thread_ = std::thread([this, policy, parameters] {
+  thread_ = std::thread([this, policy, niceness, parameters] {
     sched_setscheduler(0, policy, &parameters);
+    setpriority(PRIO_PROCESS, 0, niceness);
     serve();
   });
   pthread_setname_np(thread_.native_handle(), "helper");

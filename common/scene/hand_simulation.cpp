@@ -239,6 +239,7 @@ void HandSimulation::restore(const State& state) {
   state_ = state;
   for (const auto& term : terms_) term->reset_memory();
   for (const auto& hand : hands_) hand->untangler().reset();
+  if (soft_) soft_->forget();
   ledger_.restart();
   stored_is_valid_ = false;
   carpus_velocity_ = {};
@@ -432,6 +433,7 @@ void HandSimulation::enter_step(const StepReport& report) {
     EnergyFlow flow = terms_[t]->flow(start, term.joules, term.taken);
     // Energy change of nodes that were put back before the step. Inertia and contacts account for it themselves.
     const bool is_tissue =
+        (soft_ && terms_[t].get() == &soft_->tissue()) ||
         std::any_of(hands_.begin(), hands_.end(), [&](const auto& hand) { return hand->is_tissue(terms_[t].get()); });
     if (untangled_ && is_tissue) flow.work += start - stored_[t];
     stored_[t] = flow.stored;

@@ -159,11 +159,15 @@ bool SoftObjects::touches_hand(int i) const {
   });
 }
 
-bool SoftObjects::is_inverted(int i, const State& state) const {
-  return std::ranges::any_of(objects_[static_cast<std::size_t>(i)].body->tetrahedra, [&](const auto& corners) {
+// A few elements can be inverted in a firm grip, too.
+bool SoftObjects::is_folded(int i, const State& state) const {
+  constexpr double kShare = 0.005;
+  const auto& tetrahedra = objects_[static_cast<std::size_t>(i)].body->tetrahedra;
+  const auto inverted = std::ranges::count_if(tetrahedra, [&](const auto& corners) {
     const auto at = [&](std::size_t k) -> Vector3 { return state.node_positions.col(first_node(i) + corners[k]); };
     return (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) < 0;
   });
+  return static_cast<double>(inverted) > kShare * static_cast<double>(tetrahedra.size());
 }
 
 void SoftObjects::stop_deformation(int i, State& state) const {
@@ -186,7 +190,7 @@ void SoftObjects::stop_deformation(int i, State& state) const {
 void SoftObjects::restore_shape(int i, State& state) const {
   const std::vector<Vector3>& rest = objects_[static_cast<std::size_t>(i)].body->nodes;
   const double whole = mass(i);
-  const Vector3 centre = centre_of_mass(i, state);
+  Vector3 centre = centre_of_mass(i, state);
   Vector3 rest_centre = Vector3::Zero();
   for (std::size_t k = 0; k < rest.size(); ++k)
     rest_centre += masses_[static_cast<std::size_t>(first_node(i)) + k] / whole * rest[k];
@@ -203,6 +207,18 @@ void SoftObjects::restore_shape(int i, State& state) const {
   for (std::size_t k = 0; k < rest.size(); ++k)
     state.node_positions.col(first_node(i) + static_cast<Eigen::Index>(k)) =
         centre + rotation * (rest[k] - rest_centre);
+  // Out of tables and walls, each time by the longest way of a node that is inside one.
+  for (int tries = 0; contacts_ && tries < 4; ++tries) {
+    Vector3 longest = Vector3::Zero();
+    for (int n = first_node(i); n < first_node(i + 1); ++n) {
+      const Vector3 place = state.node_positions.col(n), way = contacts_->stopped(state, n, centre, place) - place;
+      if (way.squaredNorm() > longest.squaredNorm()) longest = way;
+    }
+    if (longest.isZero()) break;
+    centre += longest;
+    state.node_positions.middleCols(first_node(i), node_count(i)).colwise() += longest;
+  }
+  if (contacts_) contacts_->reset();
   state.node_velocities.middleCols(first_node(i), node_count(i)).setZero();
 }
 
@@ -212,7 +228,7 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
   for (int i = 0; i < count(); ++i) {
     double& tangled = tangled_[static_cast<std::size_t>(i)];
     // The repair of the hand's tissue ends contacts, too. So contact counts only at the start.
-    const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_inverted(i, state);
+    const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_folded(i, state);
     tangled = is_tangled ? tangled + time_step : 0;
     if (is_tangled) stop_deformation(i, state);
     if (tangled < kLongest) continue;
@@ -223,6 +239,8 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
   }
   return moved;
 }
+
+void SoftObjects::forget() { std::ranges::fill(tangled_, 0.0); }
 
 void SoftObjects::load(const std::vector<double>& tangled) {
   if (tangled.size() != objects_.size())

@@ -85,15 +85,17 @@ class SoftObjects {
   /// The hands pass through this many objects.
   int passing() const;
 
-  /// After a step of `time_step` seconds. If steps are cut off while a hand presses hard, hand and object can get wound
-  /// into each other. Elements of the object then stay inverted, and no later step ends at a minimum. Such an object at
-  /// once moves as a rigid body, with its momentum and angular momentum: the velocities of its nodes do not predict
-  /// their next movement. After 0.1 s it gets its rest shape where it is, and the hands pass through it as after a
-  /// reset. Returns the number of nodes that were put back; their contacts with skin must end. Adds no kinetic energy.
-  /// Does not allocate. Not in the source.
+  /// After a step of `time_step` seconds. If steps end early while a hand presses hard, hand and object can get wound
+  /// into each other. Part of the object then stays inverted, and no later step converges. At once such an object moves
+  /// as a rigid body, because the velocities of its nodes do not predict their next movement. After 0.1 s it gets its
+  /// rest shape where it is, but outside the objects in the slots, and its velocity is zero. Its contacts end, and the
+  /// hands pass through it as after a reset. Returns the number of nodes that were put back; their contacts with skin
+  /// must end, too. Adds no kinetic energy. Does not allocate. Not in the source.
   int untangle(State& state, double time_step, bool converged);
   /// All that a step carries to the next one, besides the terms: for how long (s) each object has been tangled.
   const std::vector<double>& save() const { return tangled_; }
+  /// No object has been tangled.
+  void forget();
   /// Throws std::invalid_argument if there are other objects.
   void load(const std::vector<double>& tangled);
 
@@ -111,7 +113,7 @@ class SoftObjects {
   bool overlaps_hands(int i, const State& state) const;
   Vector3 centre_of_mass(int i, const State& state) const;
   bool touches_hand(int i) const;
-  bool is_inverted(int i, const State& state) const;
+  bool is_folded(int i, const State& state) const;
   void stop_deformation(int i, State& state) const;
   void restore_shape(int i, State& state) const;
 

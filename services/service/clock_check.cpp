@@ -15,6 +15,7 @@ namespace softhand {
 namespace {
 
 constexpr Nanoseconds kListening = 2'000'000'000;
+constexpr Nanoseconds kLongest = 10'000'000'000;  // also without a status of this process
 // s. While a command takes effect, statuses of two modules may be from before and after it. They differ by less.
 constexpr double kTolerance = 0.25;
 
@@ -27,16 +28,18 @@ std::optional<double> counter_of(const LoopStatus& status, std::string_view name
 /// How far the simulated clock is behind real time at the real time `at`, s.
 std::optional<double> behind(const LoopStatus& status, Nanoseconds at) {
   const std::optional<double> pace = counter_of(status, "pace"), behind = counter_of(status, "behind_s");
-  if (!pace || !behind || status.stamp.sample_time == 0) return std::nullopt;
+  // The clock of another host may not be known yet.
+  const bool is_own_clock = status.stamp.clock_id == 0 || status.stamp.clock_id == clock_id();
+  if (!pace || !behind || !is_own_clock || status.stamp.sample_time == 0) return std::nullopt;
   return *behind + (1 - *pace) * static_cast<double>(at - status.stamp.sample_time) * kSecondsPerNanosecond;
 }
 
 void listen(const std::stop_token& stop, bus::Reader<LoopStatus>& statuses, std::uint64_t epoch,
             const std::string& module) {
   std::optional<LoopStatus> own;
-  Nanoseconds end = 0;
+  Nanoseconds end = now() + kLongest;
   bool differs = false;
-  while (!stop.stop_requested() && !differs && (!own || now() < end)) {
+  while (!stop.stop_requested() && !differs && now() < end) {
     statuses.wait(std::chrono::milliseconds(50));
     statuses.take_all([&](const LoopStatus& status) {
       if (status.stamp.epoch == epoch) {

@@ -244,7 +244,9 @@ void count_input(LoopStatus& status, const bus::Participant& participant, const 
       counters.lost + counters.refused + counters.crowded + counters.refused_stamp + counters.second_writer;
   add_to_counter(status, "refused_stamp", static_cast<double>(counters.refused_stamp));
   add_to_counter(status, "second_writer", static_cast<double>(counters.second_writer));
-  if (counters.second_writer > 0) status.second_writer = participant.second_writer();
+  if (counters.second_writer == 0) return;
+  const bus::SecondWriterText text = participant.second_writer();
+  if (!get_text(text).empty()) status.second_writer = text;
 }
 
 int guarded_main(const std::string& module, const std::function<void()>& body) {

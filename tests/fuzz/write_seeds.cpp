@@ -193,7 +193,7 @@ void add_osc(Seeds& seeds) {
   add(osc_bundle({osc_message("/tracking/trackers/1/position", "", {0.1, 1, 0.2}),
                   osc_message("/tracking/trackers/1/rotation", "", {10, 20, 30})}),
       1);
-  add(osc_bundle(plain_hand(Side::right, {}, {0, 0.5, 1, 0.5, 0})), 2);
+  add(osc_bundle(plain_hand(Side::right, {}, {0, 0.5, 1, 0.5, 0})), 1);
   add(osc_message("/hand/left/splays", "", {0.1, 0, 0, -0.1, -0.2}), 0);
 }
 

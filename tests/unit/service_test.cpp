@@ -78,7 +78,9 @@ TEST(CountInputs, ASecondWriterIsCountedAndNamed) {
   }
   const auto refused = static_cast<double>(reader.counters().second_writer);
   ASSERT_GT(refused, 0);
-  const LoopStatus status = status_now();
+  LoopStatus status = status_now();
+  // The text is missing while another thread uses the list of peers.
+  for (int i = 0; i < 1000 && get_text(status.second_writer).empty(); ++i) status = status_now();
   const std::string text(get_text(status.second_writer));
   const std::string process = " hand, process " + std::to_string(getpid()) + " on ";
   EXPECT_NE(text.find(process), std::string::npos) << text;

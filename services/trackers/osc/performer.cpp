@@ -144,7 +144,7 @@ OscRefusal PerformerDecoder::take_plain(std::string_view address, const OscMessa
   Pose wrist;
   if (is_wrist) {
     if (!to_pose(message, wrist)) return OscRefusal::content;
-    hand.wrist_time = time;
+    hand.alone_since = time;
   } else if (address == "curls" || address == "splays") {
     const std::array<double, kFingerCount> v{message.numbers[0], message.numbers[1], message.numbers[2],
                                              message.numbers[3], message.numbers[4]};
@@ -159,9 +159,10 @@ OscRefusal PerformerDecoder::take_plain(std::string_view address, const OscMessa
       }
     }
     if (is_splay) return OscRefusal::none;
+    // The next wrist brings them. After a gap it may be on its way.
+    if (time - hand.curls_time > kTogether) hand.alone_since = time;
     hand.curls_time = time;
-    // The next wrist brings them.
-    if (time - hand.wrist_time <= kTogether) return OscRefusal::none;
+    if (time - hand.alone_since <= kTogether) return OscRefusal::none;
   } else {
     return OscRefusal::none;
   }

@@ -60,7 +60,8 @@ class PerformerDecoder {
 
   struct PlainHand {
     std::array<FingerCurl, kFingerCount> fingers;
-    Nanoseconds wrist_time = kNever, curls_time = kNever;
+    Nanoseconds curls_time = kNever;
+    Nanoseconds alone_since = kNever;  // since then curls come without a wrist
   };
 
   OscRefusal take_message(const OscMessage& message, Nanoseconds time, TrackerSink& out);
