@@ -17,8 +17,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Where a scene finds its files, in search order: in its own folder, in the folder of their kind beside it, in the
-// working directory, in the shipped folder of their kind.
+// Where a scene finds its files, in search order. The shipped folder comes last, so that it replaces no file of the
+// user.
 std::vector<fs::path> search_folders(const Scene& scene, const char* kind) {
   const fs::path beside = fs::path(scene.path).parent_path();
   return {beside, beside / ".." / kind, ".", fs::path(SOFTHAND_CONFIG_DIR) / kind};

@@ -45,8 +45,8 @@ std::string prepared(const ServiceArguments& arguments, double rate_hz, Urgency 
   return arguments.module;
 }
 
-// The number of other hosts, how many of their clocks are not known, the largest uncertainty of the others, and the
-// beacons of hosts for which there was no room.
+// The number of other hosts, how many of their clocks are not known, and the largest uncertainty of the others. Also
+// the beacons of hosts for which there was no room.
 void count_clocks(LoopStatus& status, const bus::Participant& participant) {
   const auto clocks = participant.clocks();
   if (clocks.empty()) return;

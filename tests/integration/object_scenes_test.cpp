@@ -183,8 +183,8 @@ TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
   }
 }
 
-// Hand and ball got wound into each other for good by these jumps (1,700 to 1,900 inverted elements, hundreds of
-// newtons until the end) before the ball was put back into its shape.
+// By these jumps hand and ball got wound into each other for good, before the ball was put back into its shape: 1,700
+// to 1,900 inverted elements, and hundreds of newtons until the end.
 TEST(BudgetedScenes, ASoftBallThatAHandIsWoundIntoIsPutBack) {
   for (const char* const jump : {"[0, -0.01, 0]", "[0, 0.02, 0]", "[0, -0.03, 0]", "[-0.018, -0.024, 0]"}) {
     JumpingRig rig(jump);

@@ -121,6 +121,11 @@ TEST(WorldCoupling, AfterAResetNoHandGetsAnObjectForATime) {
   twin.contact_force = {0, 1, 0};
   couplings[0].twins.push_back(twin);
   constexpr Nanoseconds kStep = 4'000'000, kReset = 1'000'000'000;
+  // The world knows the hand, so only the reset keeps the cube from it.
+  for (Nanoseconds now = kReset - 300'000'000; now < kReset; now += kStep) {
+    couplings[0].stamp.sample_time = now;
+    world.step(now, {couplings});
+  }
   world.reset(kReset);
   // The hand does not claim the cube before it knows the new place.
   for (Nanoseconds now = kReset + kStep; now < kReset + 190'000'000; now += kStep) {
