@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <optional>
 #include <string_view>
 
 #include "math/types.hpp"
@@ -87,6 +88,13 @@ void add_named(BoundedVector<NamedValue, capacity>& list, std::string_view name,
   item.value = value;
   list.push_back(item);
 }
+/// Empty if the status has no counter of this name.
+inline std::optional<double> find_counter(const LoopStatus& status, std::string_view name) {
+  for (const NamedValue& counter : status.counters)
+    if (get_text(counter.name) == name) return counter.value;
+  return std::nullopt;
+}
+
 inline void add_counter(LoopStatus& status, std::string_view name, double value) {
   add_named(status.counters, name, value);
 }

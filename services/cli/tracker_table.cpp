@@ -15,12 +15,6 @@ namespace {
 constexpr double kLongestTime = 9e9;  // s; more does not fit in nanoseconds
 constexpr double kSilent = 1;         // s without a status: the process is gone
 
-std::optional<double> counter(const LoopStatus& status, std::string_view name) {
-  for (const NamedValue& each : status.counters)
-    if (get_text(each.name) == name) return each.value;
-  return std::nullopt;
-}
-
 // Any process may publish a status, with any number. False for one that is not finite.
 bool is_in(double value, double low, double high) { return value >= low && value <= high; }
 
@@ -32,16 +26,17 @@ bool is_alive(const TrackerRow& row, Nanoseconds now) {
 }  // namespace
 
 std::optional<Nanoseconds> motion_start_of(const LoopStatus& status) {
-  const auto seconds = counter(status, "motion_start_s");
+  const auto seconds = find_counter(status, "motion_start_s");
   if (!seconds || !is_in(*seconds, -kLongestTime, kLongestTime)) return std::nullopt;
   return static_cast<Nanoseconds>(*seconds * 1e9);
 }
 
 void TrackerTable::add(const LoopStatus& status, Nanoseconds now) {
-  const auto strength = counter(status, "strength"), published = counter(status, "published");
-  const auto health = counter(status, "health");
+  const auto strength = find_counter(status, "strength"), published = find_counter(status, "published");
+  const auto health = find_counter(status, "health");
   if (!strength || !published || !health) return;
-  const double user = counter(status, "user").value_or(0), confidence = counter(status, "confidence").value_or(0);
+  const double user = find_counter(status, "user").value_or(0),
+               confidence = find_counter(status, "confidence").value_or(0);
   const bool is_plausible = is_in(*strength, 0, strength_of(kMostStrength, Health::live)) &&
                             is_in(user, 0, std::numeric_limits<std::uint32_t>::max()) && std::isfinite(*published) &&
                             std::isfinite(*health) && std::isfinite(confidence);

@@ -179,8 +179,9 @@ void run(int argc, char** argv) {
       if (!problem.empty()) log.line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
     };
     descriptions.take_some(kMostDescriptions, [&](const ObjectDescription& d) {
-      // The hand would ignore all samples of the object until that time.
-      if (age_of(d.stamp.sample_time, now)) {
+      // The hand would ignore all samples of the object until that time. It comes only once, so a stall of the loop
+      // must not make it one of the future.
+      if (age_of(d.stamp.sample_time, service.clock().at(softhand::now()))) {
         shapes.request(d);
       } else {
         refuse(d, "its sample time is in the future");

@@ -19,15 +19,9 @@ constexpr Nanoseconds kLongest = 10'000'000'000;  // also without a status of th
 // s. While a command takes effect, statuses of two modules may be from before and after it. They differ by less.
 constexpr double kTolerance = 0.25;
 
-std::optional<double> counter_of(const LoopStatus& status, std::string_view name) {
-  for (const NamedValue& counter : status.counters)
-    if (get_text(counter.name) == name) return counter.value;
-  return std::nullopt;
-}
-
 /// How far the simulated clock is behind real time at the real time `at`, s.
 std::optional<double> behind(const LoopStatus& status, Nanoseconds at) {
-  const std::optional<double> pace = counter_of(status, "pace"), behind = counter_of(status, "behind_s");
+  const std::optional<double> pace = find_counter(status, "pace"), behind = find_counter(status, "behind_s");
   // The clock of another host may not be known yet.
   const bool is_own_clock = status.stamp.clock_id == 0 || status.stamp.clock_id == clock_id();
   if (!pace || !behind || !is_own_clock || status.stamp.sample_time == 0) return std::nullopt;
@@ -43,7 +37,7 @@ void listen(const std::stop_token& stop, bus::Reader<LoopStatus>& statuses, std:
     statuses.wait(std::chrono::milliseconds(50));
     statuses.take_all([&](const LoopStatus& status) {
       if (status.stamp.epoch == epoch) {
-        if (!own) end = now() + (counter_of(status, "behind_s") ? kListening : 0);
+        if (!own) end = now() + (find_counter(status, "behind_s") ? kListening : 0);
         own = status;
         return;
       }

@@ -20,23 +20,14 @@
 #include "bus/bus.hpp"
 #include "integration/bus_fill.hpp"
 #include "runtime/clock.hpp"
+#include "support/eventually.hpp"
 #include "support/own_domain.hpp"
 
 namespace softhand::bus {
 
 using namespace std::chrono_literals;
+using testing::eventually;
 using Clock = std::chrono::steady_clock;
-
-/// Polls until `f` is true. Returns false after ten seconds. A healthy bus never needs ten seconds.
-template <typename F>
-bool eventually(F&& f) {
-  const auto end = Clock::now() + 10s;
-  while (!f()) {
-    if (Clock::now() > end) return false;
-    std::this_thread::sleep_for(2ms);
-  }
-  return true;
-}
 
 /// A child process that dies with its handle.
 class Child {

@@ -30,3 +30,12 @@ said=$("$1/deploy/security" --days 2 .)
 [[ $said == *"expires on $(date -u -d '2 days' +%F)" ]] || fail "wrong day: $said"
 openssl x509 -in client/certificate.pem -noout -checkend 0 >/dev/null || fail "the identity is still expired"
 grep -q head_pose tracker/permissions.p7s || fail "the permissions are still others"
+
+# An authority of the user that may sign certificates, but no mail.
+mkdir "$folder/own"
+cd "$folder/own"
+openssl req -x509 -new -newkey ec -pkeyopt ec_paramgen_curve:prime256v1 -nodes -subj /CN=own -days 3 \
+  -addext keyUsage=critical,keyCertSign,cRLSign -keyout authority.key -out authority.pem 2>/dev/null
+"$1/deploy/security" . >/dev/null
+said=$("$1/deploy/security" .)
+[[ $said == "made 0 identities"* ]] || fail "good identities of the user's authority were made again: $said"

@@ -3,16 +3,13 @@
 
 #include <string_view>
 
-#include "messages/messages.hpp"
+#include "messages/convert.hpp"
 
 namespace softhand::testing {
 
 /// -1 if the status has no counter of this name.
 inline double counter_of(const LoopStatus& status, std::string_view name) {
-  for (const NamedValue& counter : status.counters) {
-    if (get_text(counter.name) == name) return counter.value;
-  }
-  return -1;
+  return find_counter(status, name).value_or(-1);
 }
 
 }  // namespace softhand::testing

@@ -1,19 +1,19 @@
 // The pages of the viewer over real sockets: how many may be open, and what a page that does not read may cost.
 #include <gtest/gtest.h>
 
-#include <chrono>
 #include <cstring>
 #include <list>
 #include <string>
-#include <thread>
 #include <vector>
 
+#include "support/eventually.hpp"
 #include "support/http_client.hpp"
 #include "viewer/server.hpp"
 
 namespace softhand::viewer {
 namespace {
 
+using testing::eventually;
 using testing::HttpClient;
 
 constexpr const char* kOpened = "HTTP/1.1 101 Switching Protocols";
@@ -38,12 +38,6 @@ std::string show_message(TypeSet types) {
            {&magic, 4}, {numbers, 4}, {sizes, 8}, {&types, 4}, {&rate_hz, 4}})
     message.append(static_cast<const char*>(data), size);
   return message;
-}
-
-template <typename F>
-bool eventually(F&& f) {
-  for (int i = 0; i < 5000 && !f(); ++i) std::this_thread::sleep_for(std::chrono::milliseconds(2));
-  return f();
 }
 
 TEST(ViewerServer, PagesWithoutTheTokenDoNotLockOutTheUser) {

@@ -109,17 +109,23 @@ TEST(WorldCoupling, AnObjectGoesFromTheOwnerToTheHandThatStillTouchesIt) {
   EXPECT_EQ(hands.world.counters().vanished, 0u);
 }
 
+// Of a hand that touches the cube at this height and does not claim it.
+ObjectCoupling touching(double height) {
+  ObjectCoupling coupling;
+  coupling.step_period = 1.0 / 90;
+  ObjectTwin twin;
+  twin.object = 2;
+  twin.position = {0, height, 0};
+  twin.contact_force = {0, 1, 0};
+  coupling.twins.push_back(twin);
+  return coupling;
+}
+
 // A reset reaches the processes one after another. A closed hand that does not know it yet finds the cube between its
 // fingers at the old place, and would throw it.
 TEST(WorldCoupling, AfterAResetNoHandGetsAnObjectForATime) {
   WorldLoop world({}, {table(), cube(0.05, 0.02)});
-  std::array<ObjectCoupling, 1> couplings;
-  couplings[0].step_period = 1.0 / 90;
-  ObjectTwin twin;
-  twin.object = 2;
-  twin.position = {0, 0.02, 0};
-  twin.contact_force = {0, 1, 0};
-  couplings[0].twins.push_back(twin);
+  std::array couplings{touching(0.02)};
   constexpr Nanoseconds kStep = 4'000'000, kReset = 1'000'000'000;
   // The world knows the hand, so only the reset keeps the cube from it.
   for (Nanoseconds now = kReset - 300'000'000; now < kReset; now += kStep) {
@@ -145,12 +151,9 @@ TEST(WorldCoupling, AfterAResetNoHandGetsAnObjectForATime) {
 // two processes find each other late, and the hand hears of the new world after that.
 TEST(WorldCoupling, ANewWorldDoesNotGiveAnObjectToAHandThatHoldsTheOldOne) {
   WorldLoop world({}, {table(), cube(0.05, 0.02)});
-  std::array<ObjectCoupling, 1> couplings;
-  couplings[0].step_period = 1.0 / 90;
-  ObjectTwin twin;
-  twin.object = 2;
+  std::array couplings{touching(0.25)};
+  ObjectTwin twin = couplings[0].twins.items[0];
   twin.owned = 1;
-  twin.position = {0, 0.25, 0};
   twin.contact_force = {0, 0.05 * 9.81, 0};
   constexpr Nanoseconds kStep = 4'000'000, kFound = 400'000'000, kHeard = 550'000'000, kClaimsAgain = 700'000'000;
   for (Nanoseconds now = kStep; now < kClaimsAgain; now += kStep) {
