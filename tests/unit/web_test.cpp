@@ -1,5 +1,5 @@
-// The web server over real sockets: the host names under which it answers, whom it trusts, the number of connections,
-// its memory, and its behaviour without free file descriptors.
+// The web server over real sockets: the host names under which it answers, whom it trusts, and the number of
+// connections. Also its memory, and its behaviour without free file descriptors.
 #include <fcntl.h>
 #include <gtest/gtest.h>
 #include <malloc.h>

@@ -140,40 +140,40 @@ OscRefusal PerformerDecoder::take_plain(std::string_view address, const OscMessa
   if (!is_left && !skip(address, "right/")) return OscRefusal::none;
   const std::size_t side = is_left ? 0 : 1;
   PlainHand& hand = plain_hands_[side];
-  const bool is_wrist = address == "wrist";
-  Pose wrist;
-  if (is_wrist) {
+  if (address == "wrist") {
+    Pose wrist;
     if (!to_pose(message, wrist)) return OscRefusal::content;
     hand.alone_since = time;
-  } else if (address == "curls" || address == "splays") {
-    const std::array<double, kFingerCount> v{message.numbers[0], message.numbers[1], message.numbers[2],
-                                             message.numbers[3], message.numbers[4]};
-    if (message.count < v.size() || !all_finite(v)) return OscRefusal::content;
-    const bool is_splay = address == "splays";
-    for (std::size_t f = 0; f < kFingerCount; ++f) {
-      if (is_splay) {
-        hand.fingers[f].splay = v[f];
-      } else {
-        hand.fingers[f].curl.fill(v[f]);
-        hand.fingers[f].valid = true;
-      }
+    if (time - hand.curls_time > kTogether) {
+      set_wrist(wrist, hand_);
+      deliver(hand_, side, time, out);
+    } else {
+      curl_lifters_[side].lift(hand.fingers, curled_hand_);
+      place_on_wrist(wrist, curled_hand_);
+      deliver(curled_hand_, side, time, out);
     }
-    if (is_splay) return OscRefusal::none;
-    // The next wrist brings them. After a gap it may be on its way.
-    if (time - hand.curls_time > kTogether) hand.alone_since = time;
-    hand.curls_time = time;
-    if (time - hand.alone_since <= kTogether) return OscRefusal::none;
-  } else {
     return OscRefusal::none;
   }
-  if (is_wrist && time - hand.curls_time > kTogether) {
-    set_wrist(wrist, hand_);
-    deliver(hand_, side, time, out);
-  } else {
-    curl_lifters_[side].lift(hand.fingers, curled_hand_);
-    if (is_wrist) place_on_wrist(wrist, curled_hand_);
-    deliver(curled_hand_, side, time, out);
+  const bool is_curls = address == "curls";
+  if (!is_curls && address != "splays") return OscRefusal::none;
+  const std::array<double, kFingerCount> v{message.numbers[0], message.numbers[1], message.numbers[2],
+                                           message.numbers[3], message.numbers[4]};
+  if (message.count < v.size() || !all_finite(v)) return OscRefusal::content;
+  for (std::size_t f = 0; f < kFingerCount; ++f) {
+    if (is_curls) {
+      hand.fingers[f].curl.fill(v[f]);
+      hand.fingers[f].valid = true;
+    } else {
+      hand.fingers[f].splay = v[f];
+    }
   }
+  if (!is_curls) return OscRefusal::none;
+  // The next wrist brings them. After a gap it may be on its way.
+  if (time - hand.curls_time > kTogether) hand.alone_since = time;
+  hand.curls_time = time;
+  if (time - hand.alone_since <= kTogether) return OscRefusal::none;
+  curl_lifters_[side].lift(hand.fingers, curled_hand_);
+  deliver(curled_hand_, side, time, out);
   return OscRefusal::none;
 }
 

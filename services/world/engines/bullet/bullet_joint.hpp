@@ -12,7 +12,7 @@
 //   any stiffness.
 //
 // The solver visits row by row. Rows of the same joint would disturb each other: at the end of an arm a force turns the
-// body. So each row is replaced by its part that the held rows before it do not move (Gram-Schmidt, in the metric of
+// body. So of each row only the part stays that the held rows before it do not move (Gram-Schmidt, in the metric of
 // the inverse mass), with the same solutions. Then one visit solves the held rows of a joint.
 #pragma once
 
