@@ -89,10 +89,11 @@ TEST(BusAndCyclone, MalformedSamplesAreCountedAndDisposedInstancesAreNot) {
   Child cyclone({CYCLONE_SUBSCRIBER, std::to_string(testing::own_domain()), std::string(topics::head_pose.name)});
   const auto sent = stamped<HeadPose>(5);
   ShortHeadPose taken;
+  // Cyclone's writer finds the two readers at different times.
   EXPECT_TRUE(eventually([&] {
     writer.write(*sent);
     EXPECT_FALSE(older_reader.take_latest(taken));
-    return older_reader.counters().refused > 0;
+    return older_reader.counters().refused > 0 && reader.wait(50ms);
   }));
   int exit_code = 0;
   cyclone.finish(exit_code);
