@@ -168,6 +168,7 @@ constexpr void visit_fields(V&& v, M& m) {
 
 template <typename V, Is<ObjectDescription> M>
 constexpr void visit_fields(V&& v, M& m) {
+  v.key("world", m.world);
   v.key("object_id", m.object);
   v.field("stamp", m.stamp);
   v.field("name", m.name);
@@ -189,6 +190,7 @@ constexpr void visit_fields(V&& v, M& m) {
 
 template <typename V, Is<ObjectJointDescription> M>
 constexpr void visit_fields(V&& v, M& m) {
+  v.key("world", m.world);
   v.key("joint_id", m.joint);
   v.field("stamp", m.stamp);
   v.field("name", m.name);

@@ -214,8 +214,12 @@ struct Shape {
   BoundedVector<ShapeFile, 1> file;                ///< one entry if the kind is file, else none
 };
 
-/// object_description (transient local); key: object id.
+/// `world` of the world of a rig. Other worlds in the domain belong to other programs.
+inline constexpr std::uint32_t kRigWorld = 0;
+
+/// object_description (transient local); key: world and object id.
 struct ObjectDescription {
+  std::uint32_t world = kRigWorld;  ///< as in WorldObjects
   std::uint32_t object = 0;
   /// States with an earlier sample_time than `stamp.sample_time` belong to the previous description of this object. 0:
   /// all states belong to this description.
@@ -236,8 +240,10 @@ struct JointDetent {
   double width = 1;   ///< m or rad, > 0
   double period = 0;  ///< m or rad; 0: one well
 };
-/// object_joint (transient local): a joint between two objects; key: joint id. model/joint_law.hpp explains the law.
+/// object_joint (transient local): a joint between two objects; key: world and joint id. model/joint_law.hpp explains
+/// the law.
 struct ObjectJointDescription {
+  std::uint32_t world = kRigWorld;  ///< as in WorldObjects
   std::uint32_t joint = 0;
   Stamp stamp;
   std::array<char, 64> name{};  ///< zero-terminated
@@ -296,7 +302,7 @@ struct ObjectState {
 /// objects: a consistent snapshot of the world, one per world step. It holds every object that was not removed, static
 /// objects included.
 struct WorldObjects {
-  std::uint32_t world = 0;  ///< key
+  std::uint32_t world = kRigWorld;  ///< key
   Stamp stamp;
   double step_period = 0;  ///< s, step period T of the world
   BoundedVector<ObjectState, kMaxObjects> objects;

@@ -67,9 +67,6 @@ HandSizeChoice choose_size(const std::vector<Scene>& scenes, const HandOptions& 
   return choice;
 }
 
-// The key `world` of the rig's world. Other worlds in the domain are not of this rig.
-constexpr std::uint32_t kWorld = 0;
-
 // Of objects and of joints, taken in one step. A new one may arrive while another is taken, so a flood would not end.
 constexpr int kMostDescriptions = 32;
 
@@ -174,11 +171,17 @@ void run(int argc, char** argv) {
     writer.write(message);
   };
   const auto step = [&](Nanoseconds now) {
+    // Other worlds in the domain do not belong to this rig.
+    const auto is_of_rig = [&](const auto& of_a_world) {
+      if (of_a_world.world != kRigWorld) ++other_worlds;
+      return of_a_world.world == kRigWorld;
+    };
     const auto refuse = [&](const ObjectDescription& d, std::string_view problem) {
       ++refused_objects;
       if (!problem.empty()) log.line("object {} ('{}') refused: {}", d.object, get_text(d.name), problem);
     };
     descriptions.take_some(kMostDescriptions, [&](const ObjectDescription& d) {
+      if (!is_of_rig(d)) return;
       // The hand would ignore all samples of the object until that time. It comes only once, so a stall of the loop
       // must not make it one of the future.
       if (age_of(d.stamp.sample_time, service.clock().at(softhand::now()))) {
@@ -197,6 +200,7 @@ void run(int argc, char** argv) {
         },
         refuse);
     joints.take_some(kMostDescriptions, [&](const ObjectJointDescription& d) {
+      if (!is_of_rig(d)) return;
       try {
         flight.describe(kFlightJoint, d, [&] { loop.describe_joint(d); });
       } catch (const std::exception& error) {
@@ -208,10 +212,7 @@ void run(int argc, char** argv) {
     if (skeletons[0].take_latest(newest[0])) input.skeleton = &newest[0];
     if (skeletons.size() > 1 && skeletons[1].take_latest(newest[1])) input.second_skeleton = &newest[1];
     worlds.take_all([&](const WorldObjects& each) {
-      if (each.world != kWorld) {
-        ++other_worlds;
-        return;
-      }
+      if (!is_of_rig(each)) return;
       *world = each;
       input.world = world.get();
     });

@@ -15,6 +15,8 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "frames are written with the byte order of the memory");
 
+constexpr std::uint32_t kMostWorlds = 65536;  // the instance of an object has 16 bits for the world
+
 // Appends plain values after a header. Remembers whether a value was not finite.
 class Packer {
  public:
@@ -283,6 +285,7 @@ Frame encode(const Contacts& contacts) {
 }
 
 Frame encode(const WorldObjects& objects) {
+  if (objects.world >= kMostWorlds) return nullptr;
   Packer out(FrameType::objects, objects.world, 32 + 52 * objects.objects.size());
   out.stamp(objects.stamp);
   out.integer(objects.objects.count);
@@ -299,12 +302,14 @@ Frame encode(const WorldObjects& objects) {
 }
 
 Frame encode(const ObjectDescription& description, const TriangleMesh* mesh) {
+  if (description.world >= kMostWorlds || description.object >= kFirstSoftObject) return nullptr;
   const auto& files = description.shape.file;
   const bool has_mesh = !files.empty() && description.removed == 0;
   if (has_mesh && mesh == nullptr) return nullptr;
   const std::size_t vertices = has_mesh ? mesh->vertices.size() : description.shape.vertices.size();
   const std::size_t triangles = has_mesh ? mesh->triangles.size() : 0;
-  Packer out(FrameType::object_description, description.object, 116 + 12 * (vertices + triangles));
+  Packer out(FrameType::object_description, description.world * kFirstSoftObject + description.object,
+             116 + 12 * (vertices + triangles));
   out.integer(description.is_static);
   out.integer(description.removed);
   out.integer(description.shape.kind);

@@ -70,8 +70,10 @@ Frame encode(const HandDescription& description, std::span<const Vector3> rest_n
 Frame encode(const TissueSurface& surface, bool quantised);
 Frame encode(FrameType which, const Skeleton& skeleton);
 Frame encode(const Contacts& contacts);
+/// Returns null for a `world` above 65535.
 Frame encode(const WorldObjects& objects);
-/// `mesh`: the link of an object file in its own frame, else null. Returns null for a description of a file without it.
+/// `mesh`: the link of an object file in its own frame, else null. Returns null for a description of a file without it,
+/// and for a `world` or an id above 65535.
 Frame encode(const ObjectDescription& description, const TriangleMesh* mesh = nullptr);
 Frame encode(const BoneWrench& wrench);
 /// The surface of the flexible object, as in a hand's description. `body`: of its file. Null if `removed` is set: the

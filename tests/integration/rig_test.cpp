@@ -309,7 +309,8 @@ TEST_F(Rig, EveryModuleAnswersEveryMessage) {
   EXPECT_EQ(refused.exit_code, 1);
 }
 
-// An outsider writes another world, describes the held cube as of tomorrow, and is a hand of tomorrow.
+// An outsider writes another world, in which the held cube's id is a sphere. It describes the cube as of tomorrow, and
+// is a hand of tomorrow.
 TEST_F(Rig, TheHandHoldsItsCubeBesideAnotherWorld) {
   RigListener listener;
   Up up(kDemo, {"--set", "hand.simulation.other_hands=true"});
@@ -336,7 +337,9 @@ TEST_F(Rig, TheHandHoldsItsCubeBesideAnotherWorld) {
   stamp(cube.stamp, kDay);
   descriptions.write(cube);
   auto world = std::make_unique<WorldObjects>();
-  world->world = 1;
+  world->world = cube.world = 1;
+  stamp(cube.stamp, 0);
+  descriptions.write(cube);
   auto coupling = std::make_unique<ObjectCoupling>();
   coupling->hand = {3, 0};
   double lowest = 1;

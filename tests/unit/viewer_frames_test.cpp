@@ -279,6 +279,21 @@ TEST(ViewerFrames, EveryTopicHasAMatchingHeader) {
   expect_header(encode(description), FrameType::object_description, 5);
 }
 
+TEST(ViewerFrames, ObjectsOfTwoWorldsAreTwoInstances) {
+  WorldObjects objects;
+  ObjectDescription description;
+  objects.world = description.world = 65535;
+  description.object = 65535;
+  expect_header(encode(objects), FrameType::objects, 65535);
+  expect_header(encode(description), FrameType::object_description, 0xffffffff);
+  description.object = 65536;
+  EXPECT_EQ(encode(description), nullptr) << "its instance would be that of another object";
+  description.object = 1;
+  objects.world = description.world = 65536;
+  EXPECT_EQ(encode(description), nullptr);
+  EXPECT_EQ(encode(objects), nullptr);
+}
+
 TEST(ViewerFrames, TheStateOfTheGatewayHasItsEpoch) {
   GatewayState state;
   state.epoch = 0x123456789abcdef0;

@@ -373,6 +373,22 @@ test("an object that the world no longer lists disappears", () =>
     await until("it is back", async () => difference(both, await pixels()) < 0.0002);
   }));
 
+test("objects of two worlds with the same id are both drawn", () =>
+  onlyObjects(async () => {
+    const cube = await pixels();
+    await tell("*", "rival", "there");
+    await until("the other world's cube", async () => difference(cube, await pixels()) > 0.001);
+    const both = await pixels();
+    await tell("*", "cube", "gone");
+    await until("it stays alone", async () => difference(both, await pixels()) > 0.001);
+    const rival = await pixels();
+    assert.ok(difference(cube, rival) > 0.001);
+    await tell("*", "rival", "removed");
+    await until("neither", async () => difference(rival, await pixels()) > 0.001);
+    await tell("*", "cube", "listed");
+    await until("the cube is back", async () => difference(cube, await pixels()) < 0.0002);
+  }));
+
 test("a flexible object appears, changes its shape, shows its strain and disappears", () =>
   onlyObjects(async () => {
     const without = await pixels();

@@ -160,6 +160,11 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   std::string offered;
   bool motors = true;
   bool listed = true;  // the cube is among the objects
+  // Another world, whose object has the id of the cube.
+  auto rival = std::make_unique<WorldObjects>();
+  rival->world = 1;
+  ObjectDescription rival_cube = box(2, "rival", {0.02, 0.02, 0.02}, false);
+  rival_cube.world = rival->world;
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -216,6 +221,10 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     cube.position = {0.02, 0.02, 0};
     if (listed) world->objects.push_back(cube);
     objects.write(*world);
+    if (!rival->objects.empty()) {
+      rival->stamp = stamp;
+      objects.write(*rival);
+    }
     if (ball_shape != "removed") {
       shape_ball(ball, ball_shape == "flat", *ball_state);
       ball_state->stamp = stamp;
@@ -286,6 +295,13 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "scene") chosen = get_text(message.value);
       if (get_text(message.key) == "offer") other = get_text(message.value);
       if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
+      if (get_text(message.key) == "rival") {
+        rival_cube.removed = get_text(message.value) == "removed" ? 1 : 0;
+        object_descriptions.write(rival_cube);
+        rival->objects.clear();
+        cube.position = {-0.12, 0.02, 0};
+        if (rival_cube.removed == 0) rival->objects.push_back(cube);
+      }
       if (get_text(message.key) == "ball") {
         ball_shape = get_text(message.value);
         ball_description.removed = ball_shape == "removed" ? 1 : 0;

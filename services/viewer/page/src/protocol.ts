@@ -183,6 +183,9 @@ export function skeleton(payload: DataView): Skeleton {
 
 /** Ids of flexible objects begin here. Their frames have the instance id - FIRST_SOFT_OBJECT. */
 export const FIRST_SOFT_OBJECT = 65536;
+/** The instance of an object's description. Objects of two worlds may have the same id. */
+export const objectInstance = (world: number, id: number): number => world * FIRST_SOFT_OBJECT + id;
+export const worldOf = (instance: number): number => Math.floor(instance / FIRST_SOFT_OBJECT);
 export const FINGERS = ["thumb", "index", "middle", "ring", "little", "palm"];
 export interface Contact {
   node: number;

@@ -17,8 +17,10 @@ import {
   type SkinDescription,
   BONES,
   FIRST_SOFT_OBJECT,
+  objectInstance,
   Shape,
   Type,
+  worldOf,
 } from "./protocol";
 import { type Quality, Resolution } from "./quality";
 import { shapeOf } from "./shapes";
@@ -59,7 +61,8 @@ export class Stage {
   private readonly controls: OrbitControls;
   private readonly scene = new THREE.Scene();
   private readonly hands = new Map<number, Hand>();
-  private readonly objects = new Map<number, { mesh: THREE.Mesh; description: ObjectDescription }>();
+  // By the instance of their description. `placed`: the world lists the object.
+  private readonly objects = new Map<number, { mesh: THREE.Mesh; description: ObjectDescription; placed: boolean }>();
   private readonly softObjects = new Map<number, { skin: Skin; nodes: Nodes | null }>();
   private readonly floor: THREE.Mesh;
   private readonly sun = new THREE.DirectionalLight(0xfff1e0, 2.4);
@@ -184,7 +187,7 @@ export class Stage {
   clear(): void {
     for (const hand of this.hands.values()) this.removeHand(hand);
     this.hands.clear();
-    for (const id of [...this.objects.keys()]) this.removeObject(id);
+    for (const instance of [...this.objects.keys()]) this.removeObject(instance);
     for (const instance of [...this.softObjects.keys()]) this.removeSoftObject(instance);
   }
 
@@ -209,21 +212,20 @@ export class Stage {
     hand.skin.dispose();
   }
 
-  private removeObject(id: number): void {
-    const object = this.objects.get(id);
+  private removeObject(instance: number): void {
+    const object = this.objects.get(instance);
     if (!object) return;
     this.scene.remove(object.mesh);
     object.mesh.geometry.dispose();
     (object.mesh.material as THREE.Material).dispose();
-    this.objects.delete(id);
+    this.objects.delete(instance);
   }
 
   /** Hides what an ended stream showed, until its next frame. */
   silence(type: Type, instance: number): void {
     // The floor stays, because the table below which it lies is only not known now.
     if (type === Type.objects)
-      for (const { mesh } of this.objects.values())
-        if (mesh.userData.world === instance) mesh.userData.world = undefined;
+      for (const [of, object] of this.objects) if (worldOf(of) === instance) object.placed = false;
     const soft = type === Type.softNodes && this.softObjects.get(instance);
     if (soft) soft.nodes = null;
     const hand = this.hands.get(instance);
@@ -298,11 +300,11 @@ export class Stage {
     arrows.finish();
   }
 
-  describeObject(id: number, description: ObjectDescription): void {
-    const old = this.objects.get(id);
-    this.removeObject(id);
+  describeObject(instance: number, description: ObjectDescription): void {
+    const old = this.objects.get(instance);
+    this.removeObject(instance);
     if (description.removed) return;
-    const colour = description.isStatic ? this.staticColour : OBJECT_COLOURS[id % OBJECT_COLOURS.length]!;
+    const colour = description.isStatic ? this.staticColour : OBJECT_COLOURS[instance % OBJECT_COLOURS.length]!;
     const mesh = new THREE.Mesh(
       shapeOf(description),
       new THREE.MeshStandardMaterial({
@@ -316,9 +318,8 @@ export class Stage {
     if (old) {
       mesh.position.copy(old.mesh.position);
       mesh.quaternion.copy(old.mesh.quaternion);
-      mesh.userData.world = old.mesh.userData.world;
     }
-    this.objects.set(id, { mesh, description });
+    this.objects.set(instance, { mesh, description, placed: old?.placed ?? false });
     this.scene.add(mesh);
     this.applyShown();
   }
@@ -364,19 +365,19 @@ export class Stage {
    */
   place(world: number, states: ObjectState[]): void {
     let changed = false;
-    const listed = new Set(states.map(({ id }) => id));
-    for (const [id, { mesh }] of this.objects) {
-      if (mesh.userData.world !== world || listed.has(id)) continue;
-      mesh.userData.world = undefined;
+    const listed = new Set(states.map(({ id }) => objectInstance(world, id)));
+    for (const [instance, object] of this.objects) {
+      if (worldOf(instance) !== world || !object.placed || listed.has(instance)) continue;
+      object.placed = false;
       changed = true;
     }
     for (const state of states) {
-      const object = this.objects.get(state.id);
+      const object = this.objects.get(objectInstance(world, state.id));
       if (!object) continue;
       object.mesh.position.fromArray(state.position);
       object.mesh.quaternion.fromArray(state.orientation);
-      if (object.mesh.userData.world === undefined) changed = true;
-      object.mesh.userData.world = world;
+      if (!object.placed) changed = true;
+      object.placed = true;
       const material = object.mesh.material as THREE.MeshStandardMaterial;
       material.emissive.set(state.owned ? 0x1c1206 : 0x000000);
     }
@@ -527,8 +528,7 @@ export class Stage {
       hand.contactArrows.group.visible = hand.fingerArrows.group.visible = hand.points.visible = this.shown.contacts;
       hand.couplingArrows.group.visible = this.shown.coupling;
     }
-    for (const { mesh } of this.objects.values())
-      mesh.visible = this.shown.objects && mesh.userData.world !== undefined;
+    for (const { mesh, placed } of this.objects.values()) mesh.visible = this.shown.objects && placed;
     for (const { skin, nodes } of this.softObjects.values()) skin.mesh.visible = this.shown.objects && nodes !== null;
     this.floor.visible = this.shown.floor && !this.seeThrough;
   }
@@ -536,9 +536,8 @@ export class Stage {
   // The floor lies below all static objects.
   private layFloor(): void {
     const box = new THREE.Box3();
-    for (const { mesh, description } of this.objects.values())
-      if (description.isStatic && description.shape !== Shape.plane && mesh.userData.world !== undefined)
-        box.expandByObject(mesh);
+    for (const { mesh, description, placed } of this.objects.values())
+      if (description.isStatic && description.shape !== Shape.plane && placed) box.expandByObject(mesh);
     this.floor.position.y = box.isEmpty() ? -0.001 : Math.min(-0.001, box.min.y - 0.0005);
   }
 
