@@ -270,7 +270,10 @@ TEST(Bus, OneTakeEndsAlthoughSamplesGoOn) {
     writer.write(*sample);
     std::this_thread::sleep_for(2ms);
   };
-  write();
+  ASSERT_TRUE(eventually([&] {
+    write();
+    return reader.wait(50ms);
+  }));
   std::size_t calls = 0;
   const auto take = [&] {
     reader.take_all([&](const ObjectCoupling&) {
