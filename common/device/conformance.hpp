@@ -271,6 +271,9 @@ template <typename Input>
 struct DriverAtDevice {
   std::shared_ptr<DeviceDriver<Input>> driver;
   std::function<bool()> is_at_zero;  ///< whether the device exerts nothing now. Called every millisecond
+  /// True after the machine held back the bytes to or from the device, so that the measurement is worth nothing and is
+  /// repeated. Null: never.
+  std::function<bool()> stood_still = nullptr;
 };
 
 namespace conformance_detail {
@@ -308,7 +311,9 @@ AtDevice run_at_device(const Action<Input>& state, const Action<Input>& way,
   });
   time = {};
   state.run(bench);
-  const auto unless_stalled = [&time](AtDevice fault) { return time.stalled() ? AtDevice::stalled : fault; };
+  const auto unless_stalled = [&](AtDevice fault) {
+    return time.stalled() || (device.stood_still && device.stood_still()) ? AtDevice::stalled : fault;
+  };
   if (state.name == kPressing && is_at_zero) return unless_stalled(AtDevice::no_push);
   way.run(bench);
   const Nanoseconds off = now();

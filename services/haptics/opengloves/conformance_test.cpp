@@ -14,39 +14,82 @@
 namespace softhand {
 namespace {
 
+// A raw pseudo-terminal. The driver opens its `path`.
+class Terminal {
+ public:
+  Terminal() : file_(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK)) {
+    grantpt(file_);
+    unlockpt(file_);
+    path_ = ptsname(file_);
+    // A terminal that no driver has opened yet would send the glove's lines back to it.
+    termios raw{};
+    tcgetattr(file_, &raw);
+    cfmakeraw(&raw);
+    tcsetattr(file_, TCSANOW, &raw);
+  }
+  ~Terminal() { close(file_); }
+  Terminal(const Terminal&) = delete;
+  Terminal& operator=(const Terminal&) = delete;
+  int file() const { return file_; }
+  const std::string& path() const { return path_; }
+
+ private:
+  int file_;
+  std::string path_;
+};
+
+// Sends bytes through a terminal of its own. The kernel passes bytes on in a thread that other programs can hold up,
+// for longer than a driver has for going to zero.
+class TerminalWitness {
+ public:
+  TerminalWitness() : driver_(open(terminal_.path().c_str(), O_RDWR | O_NOCTTY | O_NONBLOCK)) {}
+  ~TerminalWitness() { close(driver_); }
+  TerminalWitness(const TerminalWitness&) = delete;
+  TerminalWitness& operator=(const TerminalWitness&) = delete;
+  // Call it every millisecond. True if a byte, or this call, was later than 4 ms.
+  bool is_late() {
+    char byte = 0;
+    const auto at = std::chrono::steady_clock::now();
+    const bool late = at - sent_ > std::chrono::milliseconds(4);
+    if (read(terminal_.file(), &byte, 1) == 1 || !waits_) {
+      waits_ = write(driver_, &byte, 1) == 1;
+      sent_ = at;
+    }
+    return late;
+  }
+
+ private:
+  Terminal terminal_;
+  int driver_;
+  bool waits_ = false;
+  std::chrono::steady_clock::time_point sent_ = std::chrono::steady_clock::now();
+};
+
 // A glove on a serial port. It sends 100 lines a second.
 class SerialGlove {
  public:
-  SerialGlove() : terminal_(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK)) {
-    grantpt(terminal_);
-    unlockpt(terminal_);
-    path_ = ptsname(terminal_);
-    // A terminal that no driver has opened yet would send the glove's lines back to it.
-    termios raw{};
-    tcgetattr(terminal_, &raw);
-    cfmakeraw(&raw);
-    tcsetattr(terminal_, TCSANOW, &raw);
-    thread_ = std::thread([this] { run(); });
-  }
+  SerialGlove() : thread_([this] { run(); }) {}
   ~SerialGlove() {
     stop_ = true;
     thread_.join();
-    close(terminal_);
   }
   SerialGlove(const SerialGlove&) = delete;
   SerialGlove& operator=(const SerialGlove&) = delete;
-  const std::string& path() const { return path_; }
+  const std::string& path() const { return terminal_.path(); }
   bool is_free() const { return is_free_; }
+  bool stood_still() const { return stood_still_; }
 
  private:
   void run() {
     const std::string line = glove_line({1000, 1000, 1000, 1000, 1000});
     std::string received;
     std::array<int, 5> forces{};
+    TerminalWitness witness;
     for (int i = 0; !stop_; ++i) {
-      if (i % 10 == 0 && write(terminal_, line.data(), line.size()) < 0) continue;
+      if (witness.is_late()) stood_still_ = true;
+      if (i % 10 == 0 && write(terminal_.file(), line.data(), line.size()) < 0) continue;
       char bytes[512];
-      for (ssize_t size; (size = read(terminal_, bytes, sizeof bytes)) > 0;)
+      for (ssize_t size; (size = read(terminal_.file(), bytes, sizeof bytes)) > 0;)
         received.append(bytes, static_cast<std::size_t>(size));
       for (std::size_t end; (end = received.find('\n')) != std::string::npos; received.erase(0, end + 1))
         read_forces(received.substr(0, end), forces);
@@ -55,9 +98,8 @@ class SerialGlove {
     }
   }
 
-  int terminal_;
-  std::string path_;
-  std::atomic<bool> stop_{false}, is_free_{true};
+  Terminal terminal_;
+  std::atomic<bool> stop_{false}, is_free_{true}, stood_still_{false};
   std::thread thread_;
 };
 
@@ -76,7 +118,7 @@ TEST(ConformanceAtDevice, OpenGloves) {
               options.serial = glove->path();
               const auto driver = std::make_shared<OpenGloves>(options, testing::conformance_hand());
               testing::wait_for_device(*driver);
-              return {driver, [glove] { return glove->is_free(); }};
+              return {driver, [glove] { return glove->is_free(); }, [glove] { return glove->stood_still(); }};
             }),
             "");
 }
