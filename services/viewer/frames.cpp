@@ -416,6 +416,7 @@ Frame encode(const GatewayState& state) {
 
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling) {
   constexpr double kStale = 0.1;  // s
+  if (objects.world != kRigWorld) return;
   const std::optional<double> age = age_of(coupling.stamp.sample_time, objects.stamp.sample_time);
   if (!age || *age > kStale) return;
   for (ObjectState& object : objects.objects) {

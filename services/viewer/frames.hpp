@@ -96,7 +96,7 @@ std::optional<Prompt> read_prompt(std::string_view value);
 Frame encode(const Prompt& prompt);
 
 /// Draws an object that a hand owns at the pose of the hand's twin, because the world's copy lags behind it
-/// (docs/coupling-objects.md).
+/// (docs/coupling-objects.md). Hands hold only objects of a rig's world.
 void draw_held(WorldObjects& objects, const ObjectCoupling& coupling);
 
 /// Reason why a frame from a page was refused.

@@ -98,8 +98,7 @@ class Gateway::Impl {
     std::erase_if(held_, [at](const auto& each) { return at - each.second.at > kForgetHeld; });
     pass(objects_, shown, Retain::no, [this](const WorldObjects& each) {
       *drawn_ = each;
-      if (each.world == kRigWorld)
-        for (const auto& [hand, held] : held_) draw_held(*drawn_, held.coupling);
+      for (const auto& [hand, held] : held_) draw_held(*drawn_, held.coupling);
       return encode(*drawn_);
     });
     pass(wrenches_, shown, Retain::no, [](const BoneWrench& each) { return encode(each); });

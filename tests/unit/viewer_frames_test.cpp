@@ -357,6 +357,9 @@ TEST(ViewerFrames, DrawsHeldObjectsWhereTheHandHasThem) {
   ObjectCoupling other = coupling;
   other.hand.side = 0;
   EXPECT_EQ(drawn_x(other), std::pair(0.0, 0.0)) << "the coupling is that of another hand";
+  world->world = 1;
+  EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "the hand holds an object of the rig's world";
+  world->world = kRigWorld;
   const Nanoseconds present = coupling.stamp.sample_time;
   coupling.stamp.sample_time = present + 3'600'000'000'000;
   EXPECT_EQ(drawn_x(coupling), std::pair(0.0, 0.0)) << "the coupling is from the future";
