@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <sys/resource.h>
 #include <sys/socket.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -27,6 +26,7 @@
 #include "runtime/clock.hpp"
 #include "scene_file.hpp"
 #include "support/count_allocations.hpp"
+#include "support/pseudo_terminal.hpp"
 
 namespace softhand::driver_sdk_test {
 namespace {
@@ -514,26 +514,20 @@ TEST(Intake, RefusesAddressesAndPortsThatCannotBeBound) {
   EXPECT_THROW(second.open_serial("/dev/null", 12345, '\n'), std::invalid_argument);
 }
 
-// A serial device: the master end of a pseudo-terminal whose other end has a fixed path.
+// A serial device whose terminal has a fixed path.
 class SerialDevice {
  public:
-  explicit SerialDevice(const std::string& path) : path_(path), master_(posix_openpt(O_RDWR | O_NOCTTY)) {
-    EXPECT_EQ(grantpt(master_), 0);
-    EXPECT_EQ(unlockpt(master_), 0);
-    std::filesystem::create_symlink(ptsname(master_), path);
+  explicit SerialDevice(const std::string& path) : path_(path) {
+    std::filesystem::create_symlink(terminal_.path(), path);
   }
-  ~SerialDevice() {
-    std::filesystem::remove(path_);
-    close(master_);
-  }
-  void send(const std::string& text) { send_text(master_, text); }
+  ~SerialDevice() { std::filesystem::remove(path_); }
+  void send(const std::string& text) { send_text(terminal_.file(), text); }
   /// All bytes that arrived, after at most 2 s until they end with `end`.
   std::string receive(const std::string& end) {
     std::string text;
-    fcntl(master_, F_SETFL, O_NONBLOCK);
     for (int i = 0; i < 400 && !text.ends_with(end); ++i) {
       char bytes[256];
-      const ssize_t size = read(master_, bytes, sizeof bytes);
+      const ssize_t size = read(terminal_.file(), bytes, sizeof bytes);
       if (size > 0) text.append(bytes, static_cast<std::size_t>(size));
       if (size <= 0) std::this_thread::sleep_for(5ms);
     }
@@ -542,7 +536,7 @@ class SerialDevice {
 
  private:
   std::string path_;
-  int master_;
+  testing::PseudoTerminal terminal_;
 };
 
 TEST(Intake, OpensASerialPortWhenItAppearsAndAgainAfterAPowerCycle) {

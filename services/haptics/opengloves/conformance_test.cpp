@@ -2,41 +2,16 @@
 #include "support/conformance.hpp"
 
 #include <fcntl.h>
-#include <stdlib.h>
-#include <termios.h>
 #include <unistd.h>
 
 #include <atomic>
 
 #include "haptics/opengloves/opengloves.hpp"
 #include "haptics/opengloves/simulated_glove.hpp"
+#include "support/pseudo_terminal.hpp"
 
 namespace softhand {
 namespace {
-
-// A raw pseudo-terminal. The driver opens its `path`.
-class Terminal {
- public:
-  Terminal() : file_(posix_openpt(O_RDWR | O_NOCTTY | O_NONBLOCK)) {
-    grantpt(file_);
-    unlockpt(file_);
-    path_ = ptsname(file_);
-    // A terminal that no driver has opened yet would send the glove's lines back to it.
-    termios raw{};
-    tcgetattr(file_, &raw);
-    cfmakeraw(&raw);
-    tcsetattr(file_, TCSANOW, &raw);
-  }
-  ~Terminal() { close(file_); }
-  Terminal(const Terminal&) = delete;
-  Terminal& operator=(const Terminal&) = delete;
-  int file() const { return file_; }
-  const std::string& path() const { return path_; }
-
- private:
-  int file_;
-  std::string path_;
-};
 
 // Sends bytes through a terminal of its own. The kernel passes bytes on in a thread that other programs can hold up,
 // for longer than a driver has for going to zero.
@@ -46,8 +21,8 @@ class TerminalWitness {
   ~TerminalWitness() { close(driver_); }
   TerminalWitness(const TerminalWitness&) = delete;
   TerminalWitness& operator=(const TerminalWitness&) = delete;
-  // Call it every millisecond. True if a byte, or this call, was later than 4 ms.
-  bool is_late() {
+  // Call it every millisecond. Returns true if a byte, or this call, was later than 4 ms.
+  bool watch() {
     char byte = 0;
     const auto at = std::chrono::steady_clock::now();
     const bool late = at - sent_ > std::chrono::milliseconds(4);
@@ -59,7 +34,7 @@ class TerminalWitness {
   }
 
  private:
-  Terminal terminal_;
+  testing::PseudoTerminal terminal_;
   int driver_;
   bool waits_ = false;
   std::chrono::steady_clock::time_point sent_ = std::chrono::steady_clock::now();
@@ -86,7 +61,7 @@ class SerialGlove {
     std::array<int, 5> forces{};
     TerminalWitness witness;
     for (int i = 0; !stop_; ++i) {
-      if (witness.is_late()) stood_still_ = true;
+      if (witness.watch()) stood_still_ = true;
       if (i % 10 == 0 && write(terminal_.file(), line.data(), line.size()) < 0) continue;
       char bytes[512];
       for (ssize_t size; (size = read(terminal_.file(), bytes, sizeof bytes)) > 0;)
@@ -98,7 +73,7 @@ class SerialGlove {
     }
   }
 
-  Terminal terminal_;
+  testing::PseudoTerminal terminal_;
   std::atomic<bool> stop_{false}, is_free_{true}, stood_still_{false};
   std::thread thread_;
 };
