@@ -1,7 +1,8 @@
-// viewer_publisher HAND_FILE [VERTICES [RATE]] publishes test data on this process's domain, with figures that the
-// tests know:
+// viewer_publisher HAND_FILE [VERTICES [RATE]] publishes test data on this process's domain. The tests know its
+// figures:
 // - A hand at rest that sways by 5 cm at 0.5 Hz. Its skin is refined to VERTICES vertices.
 // - Objects, contacts and the status of modules.
+// - A second world, after the message `second_world`: `there` or `removed`. Its object has the cube's id.
 // - A flexible ball, after the message `ball` with another value than `removed`: `round` or `flat`.
 //
 // RATE is the number of samples per second (60). Every other sample comes a third of a period late, as on a busy
@@ -161,10 +162,10 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
   bool motors = true;
   bool listed = true;  // the cube is among the objects
   // Another world, whose object has the id of the cube.
-  auto rival = std::make_unique<WorldObjects>();
-  rival->world = 1;
-  ObjectDescription rival_cube = box(2, "rival", {0.02, 0.02, 0.02}, false);
-  rival_cube.world = rival->world;
+  auto second_world = std::make_unique<WorldObjects>();
+  second_world->world = 1;
+  ObjectDescription second_cube = box(2, "second_world", {0.02, 0.02, 0.02}, false);
+  second_cube.world = second_world->world;
   bool watched = false;
   const StopSignal stop;
   const Nanoseconds start = now();
@@ -221,9 +222,9 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
     cube.position = {0.02, 0.02, 0};
     if (listed) world->objects.push_back(cube);
     objects.write(*world);
-    if (!rival->objects.empty()) {
-      rival->stamp = stamp;
-      objects.write(*rival);
+    if (!second_world->objects.empty()) {
+      second_world->stamp = stamp;
+      objects.write(*second_world);
     }
     if (ball_shape != "removed") {
       shape_ball(ball, ball_shape == "flat", *ball_state);
@@ -295,12 +296,12 @@ void run(const std::string& hand_file, std::size_t vertices, double rate_hz) {
       if (get_text(message.key) == "scene") chosen = get_text(message.value);
       if (get_text(message.key) == "offer") other = get_text(message.value);
       if (get_text(message.key) == "cube") listed = get_text(message.value) == "listed";
-      if (get_text(message.key) == "rival") {
-        rival_cube.removed = get_text(message.value) == "removed" ? 1 : 0;
-        object_descriptions.write(rival_cube);
-        rival->objects.clear();
+      if (get_text(message.key) == "second_world") {
+        second_cube.removed = get_text(message.value) == "removed" ? 1 : 0;
+        object_descriptions.write(second_cube);
+        second_world->objects.clear();
         cube.position = {-0.12, 0.02, 0};
-        if (rival_cube.removed == 0) rival->objects.push_back(cube);
+        if (second_cube.removed == 0) second_world->objects.push_back(cube);
       }
       if (get_text(message.key) == "ball") {
         ball_shape = get_text(message.value);
