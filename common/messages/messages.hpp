@@ -214,7 +214,7 @@ struct Shape {
   BoundedVector<ShapeFile, 1> file;                ///< one entry if the kind is file, else none
 };
 
-/// `world` of the world of a rig. Other worlds in the domain belong to other programs.
+/// The key `world` of a rig's own world. Other worlds in the domain belong to other programs.
 inline constexpr std::uint32_t kRigWorld = 0;
 
 /// object_description (transient local); key: world and object id.

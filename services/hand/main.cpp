@@ -270,8 +270,8 @@ void run(int argc, char** argv) {
     add_counter(status, "surfaces_sent",
                 static_cast<double>(surface_writer.counters().written));  // does not grow without subscribers
   };
-  // Two hands of two processes that hold one object would step at the same moment, each with data of the other that are
-  // a period old.
+  // Otherwise two hands of two processes that hold one object would step at the same moment. Each would have data of
+  // the other that are a period old.
   const bool locks = options.phase_lock && !options.simulation.other_hands;
   const auto shift = [&](Nanoseconds due) {
     return phase_lock.follow(due, service.clock().at(loop.tracked_published()));

@@ -2,9 +2,9 @@
 // friction that holds. They integrate springs explicitly. Only bullet_engine.cpp includes this header.
 //
 // A row of a step is J v = c with an impulse between bounds. These are the rows.
-// - Held offsets and axes: c removes half of the error. The impulse has no bounds. J is that of the step's start, so a
+// - Held offsets and axes: c removes half of the error. The impulse has no bounds. J is that of the step's start. So a
 //   turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent. If the parent is static, c also removes
-//   this error. Between two bodies that move, the speeds at the start predict it too badly, and chains gain energy.
+//   this error. If both bodies move, the speeds at the start predict it too badly. Then chains gain energy.
 // - Limits: q may not pass its limit within the step. The row is one-sided.
 // - Dry friction: v = 0, and the impulse is within +-B dt. B uses the reaction force of the last step.
 // - Spring, damping and detents: their force at the start of the step acts as an external force. A row with the
@@ -12,8 +12,8 @@
 //   any stiffness.
 //
 // The solver visits row by row. Rows of the same joint would disturb each other: at the end of an arm a force turns the
-// body. So of each row only the part stays that the held rows before it do not move (Gram-Schmidt, in the metric of
-// the inverse mass), with the same solutions. Then one visit solves the held rows of a joint.
+// body. So each row is made orthogonal to the held rows before it, by Gram-Schmidt in the metric of the inverse mass.
+// The solutions stay the same. Then one visit solves the held rows of a joint.
 #pragma once
 
 #include <btBulletDynamicsCommon.h>
@@ -80,10 +80,10 @@ class BulletJoint final : public btTypedConstraint {
 
 /// Bullet's solver with three additions for the rows of BulletJoint.
 /// - The row's diagonal contains the compliance of the joint. Bullet leaves it out, and soft rows diverge.
-/// - Impulses of joints start at those of the last step. Bullet starts at zero, and a load on a long arm opens the
-///   joint by 0.2 mm.
-/// - Each iteration first solves all held rows of connected bodies together, with a dense factor. Bullet solves row by
-///   row. A load behind light links, or a long chain, then needs thousands of iterations and explodes.
+/// - Impulses of joints start at those of the last step. From zero, as in Bullet, a load on a long arm
+///   opens the joint by 0.2 mm.
+/// - Each iteration begins with a dense solve of all held rows of connected bodies. Bullet solves row by row. A load
+///   behind light links, or a long chain, then needs thousands of iterations and explodes.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
  protected:
   btScalar solveSingleIteration(int iteration, btCollisionObject** bodies, int body_count,
