@@ -53,10 +53,11 @@ std::vector<double> skin_weights(const HandModel& hand) {
 Errors difference(const Trajectory& trajectory, const Trajectory& reference, const std::vector<double>& weights) {
   Errors errors;
   const auto area = Eigen::Map<const Eigen::VectorXd>(weights.data(), static_cast<Eigen::Index>(weights.size()));
-  double tissue = 0, stress = 0, stress_reference = 0, bones = 0, turns = 0, force_difference = 0, force_reference = 0,
-         centres = 0, centre_weight = 0;
+  double tissue = 0, soft = 0, stress = 0, stress_reference = 0, bones = 0, turns = 0, force_difference = 0,
+         force_reference = 0, centres = 0, centre_weight = 0;
   std::size_t differ = 0, either = 0;
   bool same_mesh = true;
+  const bool has_soft = !reference.samples.empty() && reference.samples.front().soft.size() > 0;
   std::vector<double> net;
   for (const Sample& a : trajectory.samples) {
     const Sample* b = at_tick(reference, a.tick);
@@ -67,6 +68,7 @@ Errors difference(const Trajectory& trajectory, const Trajectory& reference, con
     tissue += mean_square;
     errors.tissue_worst_rms_mm = std::max(errors.tissue_worst_rms_mm, 1e3 * std::sqrt(mean_square));
     errors.tissue_max_mm = std::max(errors.tissue_max_mm, 1e3 * std::sqrt(squares.maxCoeff()));
+    if (has_soft) soft += (a.soft - b->soft).colwise().squaredNorm().mean();
     if (a.stress.size() > 0 && a.stress.size() == b->stress.size()) {
       stress += (a.stress - b->stress).cwiseAbs2().dot(area);
       stress_reference += b->stress.cwiseAbs2().dot(area);
@@ -96,6 +98,7 @@ Errors difference(const Trajectory& trajectory, const Trajectory& reference, con
   }
   const double n = static_cast<double>(std::max<std::size_t>(errors.times, 1));
   errors.tissue_rms_mm = 1e3 * std::sqrt(tissue / n);
+  if (has_soft) errors.soft_rms_mm = 1e3 * std::sqrt(soft / n);
   errors.bone_mm = 1e3 * std::sqrt(bones / n);
   errors.bone_degrees = 180 / M_PI * std::sqrt(turns / n);
   errors.force_error = std::sqrt(force_difference / n) / std::max(std::sqrt(force_reference / n), kLeastForce);
@@ -109,6 +112,7 @@ Errors difference(const Trajectory& trajectory, const Trajectory& reference, con
           &errors.bone_degrees, &errors.force_error, &errors.stress_error, &errors.net_force_error_p95}) {
       *value = std::numeric_limits<double>::infinity();
     }
+    if (has_soft) errors.soft_rms_mm = std::numeric_limits<double>::infinity();
   }
   return errors;
 }
@@ -120,6 +124,7 @@ Trajectory combined(const std::vector<std::pair<double, const Trajectory*>>& par
     sample.touch.clear();
     sample.skin.setZero();
     sample.stress.setZero();
+    sample.soft.setZero();
     std::array<Vector3, kJointCount> places, turns;
     places.fill(Vector3::Zero());
     turns.fill(Vector3::Zero());
@@ -133,6 +138,7 @@ Trajectory combined(const std::vector<std::pair<double, const Trajectory*>>& par
         break;
       }
       sample.skin += factor * s->skin;
+      sample.soft += factor * s->soft;
       if (sample.stress.size() > 0) sample.stress += factor * s->stress;
       for (std::size_t j = 0; j < kJointCount; ++j) {
         places[j] += factor * s->joints[j].position;

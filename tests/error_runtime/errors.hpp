@@ -30,6 +30,8 @@ struct Errors {
   /// Share of nodes whose contact state (free, sticks, slides) differs, among the nodes that touch in either run. NaN
   /// if the meshes differ.
   double touch_disagreement = std::numeric_limits<double>::quiet_NaN();
+  /// Nodes of all flexible objects, RMS over time and nodes. NaN if there are none.
+  double soft_rms_mm = std::numeric_limits<double>::quiet_NaN();
   std::size_t times = 0;
 };
 
@@ -38,8 +40,8 @@ std::vector<double> skin_weights(const HandModel& hand);
 
 Errors difference(const Trajectory& trajectory, const Trajectory& reference, const std::vector<double>& weights);
 
-/// Sum of factor * trajectory over the times that all trajectories have. The factors sum to 1. Covers skin, joints and
-/// forces by finger. Used for extrapolation.
+/// Sum of factor * trajectory over the times that all trajectories have. The factors sum to 1. Covers skin, joints,
+/// flexible objects and forces by finger. Used for extrapolation.
 Trajectory combined(const std::vector<std::pair<double, const Trajectory*>>& parts);
 
 }  // namespace softhand::error_runtime

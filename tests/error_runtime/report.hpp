@@ -26,7 +26,7 @@ std::string table_markdown(const Study& study);
 struct ErrorRuntimeArguments {
   bool quick = false;              ///< coarse hand and fewer settings
   std::vector<std::string> which;  ///< names of scenes, and "peer"; empty: all
-  std::string motion;              ///< path of the recording for recorded_grasp; empty: this scene is not played
+  std::string motion;              ///< recording for recorded_grasp and fist_recorded; empty: they are not played
   std::string json;
   std::string csv;
   std::string markdown;  ///< both sections

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "model/hand_model.hpp"
+#include "scene/soft_object.hpp"
 #include "trackers/replay/motion.hpp"
 #include "world/world_options.hpp"
 
@@ -38,10 +39,12 @@ struct Scene {
   std::optional<LiveBound> live{};
   /// Another hand than the shipped one, made from this hand file; null: the shipped one.
   std::function<HandModel(const std::string& file)> fitted_hand{};
+  /// They rest on the objects before the scene starts.
+  std::vector<SoftObject> soft_objects{};
 };
 
-/// free_motion, fist, pinch_lift, power_grasp, table_slide, deep_block, clutter_100, and with the path of a recording
-/// recorded_grasp. Throws where the recording cannot be read.
+/// free_motion, fist, pinch_lift, power_grasp, table_slide, deep_block, clutter_100, flexible_ball, and with the path
+/// of a recording recorded_grasp and fist_recorded. Throws where the recording cannot be read.
 std::vector<Scene> all_scenes(const std::string& recording = "");
 
 /// Scenes that belong to the study but cannot be run yet, and the reason.

@@ -190,7 +190,9 @@ class Restarted {
 };
 
 std::string classify(const Trajectory& trajectory, const Errors& errors, const Trajectory& reference) {
-  if (!trajectory.finite || trajectory.failed_steps > 0 || !(errors.tissue_rms_mm < kDiverged)) return "Diverged";
+  if (!trajectory.finite || trajectory.failed_steps > 0 || !(errors.tissue_rms_mm < kDiverged) ||
+      errors.soft_rms_mm >= kDiverged)
+    return "Diverged";
   return trajectory.inverted_at_end > reference.inverted_at_end ? "Inverted" : "Pass";
 }
 
@@ -247,6 +249,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.statement = scene.statement;
   study.grasp = scene.grasp;
   study.live = scene.live;
+  if (!scene.soft_objects.empty()) study.live_budget = kSoftLiveBudget;
 
   // R0 with the single steps of the settings that have the same mesh and step.
   Run r0{"newton_iterations",

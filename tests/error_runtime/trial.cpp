@@ -75,7 +75,7 @@ Player::Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const 
                const HandOptions& options)
     : scene_(scene),
       motion_(std::move(motion)),
-      loop_(std::make_unique<HandLoop>(hand, options, HandKey{})),
+      loop_(std::make_unique<HandLoop>(hand, options, HandKey{}, ObjectSpring{}, scene.soft_objects)),
       period_(static_cast<Nanoseconds>(1e9 / options.rate_hz)),
       ticks_per_step_(static_cast<std::int64_t>(std::llround(kTicksPerSecond / options.rate_hz))) {
   if (std::abs(static_cast<double>(ticks_per_step_) * options.rate_hz - kTicksPerSecond) > 1e-6) {
@@ -90,7 +90,7 @@ Player::Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const 
   skeleton_.stamp.epoch = 1;
 }
 
-double Player::advance(double motion_time, bool world_there) {
+double Player::advance(double motion_time, bool has_begun) {
   now_ += period_;
   constexpr double kHalf = 1e-4;  // s; the motions are smooth on this scale
   const JointFrames frames = motion_->at(motion_time), before = motion_->at(motion_time - kHalf),
@@ -115,7 +115,8 @@ double Player::advance(double motion_time, bool world_there) {
   world_.stamp.sample_time = now_;
   RequestedOutputs requested;
   requested.surface = requested.bone_wrench = false;
-  requested.ledger = world_there;  // the ledger begins with the scene
+  requested.ledger = has_begun;
+  const bool world_there = has_begun || !scene_.soft_objects.empty();
   const double milliseconds =
       1e3 * bench::seconds_of([&] {
         output_ = &loop_->step(now_, {&skeleton_, nullptr, world_there ? &world_ : nullptr}, requested);
@@ -182,6 +183,9 @@ Sample sample_of(const Player& player) {
       sample.stress[static_cast<Eigen::Index>(v)] = norms[static_cast<std::size_t>(hand.skin_vertices[v].tetrahedron)];
   }
   for (std::size_t j = 0; j < kJointCount; ++j) sample.joints[j] = simulation.joint_pose(static_cast<Joint>(j));
+  if (const SoftObjects* soft = simulation.soft())
+    sample.soft = state.node_positions.rightCols(soft->first_node(soft->count()) - soft->first_node(0));
+  sample.skin_contacts = static_cast<std::size_t>(simulation.skin_contact_count());
   const Contacts& contacts = player.output().contacts;
   sample.fingers = contacts.fingers;
   for (const ObjectState& object : player.world().objects)
@@ -210,7 +214,8 @@ Trajectory play(const Scene& scene, Player& player, const std::function<void(con
       trajectory.penetrations.push_back(contact.penetration);
     if (!player.at_sample()) continue;
     trajectory.samples.push_back(sample_of(player));
-    trajectory.finite = trajectory.finite && trajectory.samples.back().skin.allFinite();
+    const Sample& sample = trajectory.samples.back();
+    trajectory.finite = trajectory.finite && sample.skin.allFinite() && sample.soft.allFinite();
     trajectory.inverted = std::max(trajectory.inverted, player.loop().simulation().inverted_elements());
   }
   trajectory.energy_defect = player.loop().simulation().ledger().defect();

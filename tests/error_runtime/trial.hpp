@@ -16,7 +16,8 @@ inline constexpr std::int64_t kTicksPerSecond = 1440;  ///< every rate of the st
 
 inline constexpr std::int64_t kSampleTicks = kTicksPerSecond / 90;
 
-/// The hand's state at one time, in quantities that all meshes share: embedded skin, joints, objects, forces by finger.
+/// State of hand and objects at one time, in quantities that all meshes share: embedded skin, joints, objects, nodes of
+/// flexible objects, forces by finger.
 struct Sample {
   std::int64_t tick = 0;  ///< ticks since the motion's start
   Eigen::Matrix3Xd skin;  ///< vertices of the skin, m, world
@@ -25,7 +26,9 @@ struct Sample {
   std::array<Pose, kJointCount> joints;
   std::array<FingerContact, 6> fingers;
   std::vector<Pose> objects;        ///< in the order of the scene
+  Eigen::Matrix3Xd soft;            ///< nodes of all flexible objects, m, world
   std::vector<std::uint8_t> touch;  ///< state of each node of this mesh: 0 free, 1 sticking, 2 sliding
+  std::size_t skin_contacts = 0;    ///< points that touch skin, or the surface of a flexible object
 };
 
 struct Trajectory {
@@ -51,7 +54,8 @@ class Player {
   /// `options` are the shipped defaults with the overrides of the scene and the setting.
   Player(const Scene& scene, const HandModel& hand, std::shared_ptr<const Motion> motion, const HandOptions& options);
 
-  /// Holds the motion's start, without objects, until the hand is at rest.
+  /// Holds the motion's start until the hand is at rest. Only flexible objects need what they lie on, so there are no
+  /// objects if the scene has no flexible ones.
   void settle();
   /// Takes over the state of `other`, which must have the same mesh and objects.
   void take_state(const Player& other);
@@ -69,7 +73,7 @@ class Player {
   double lag_denominator() const { return lag_denominator_; }
 
  private:
-  double advance(double motion_time, bool world_there);
+  double advance(double motion_time, bool has_begun);
 
   const Scene& scene_;
   std::shared_ptr<const Motion> motion_;

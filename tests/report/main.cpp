@@ -28,7 +28,7 @@ int main(int argc, char** argv) {
   app.add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than five minutes");
   app.add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
   app.add_option("--motion", all_parts.motion,
-                 "Recording for error-runtime's scene recorded_grasp (CSV); without it this scene is left out")
+                 "Recording for error-runtime's recorded scenes (CSV); without it they are left out")
       ->type_name("FILE");
   app.add_option("--out", all_parts.out, "Folder for report.md, images/ and report_data/")
       ->capture_default_str()
@@ -94,7 +94,7 @@ int main(int argc, char** argv) {
       ->allow_extra_args(false);
   command
       ->add_option("--motion", error_runtime.motion,
-                   "Recording for the scene recorded_grasp (CSV); without it this scene is left out")
+                   "Recording for the scenes recorded_grasp and fist_recorded (CSV); without it they are left out")
       ->type_name("FILE");
   command->callback([&] { run = [&error_runtime] { return error_runtime::run_error_runtime(error_runtime); }; });
 

@@ -13,7 +13,7 @@ namespace softhand::report {
 struct ReportArguments {
   bool quick = false;   ///< each part runs with its own --quick: under five minutes in total
   bool resume = false;  ///< keeps parts whose files are already in report_data
-  std::string motion;   ///< recording for error-runtime's scene recorded_grasp; empty: this scene is not played
+  std::string motion;   ///< recording for error-runtime's recorded scenes; empty: they are not played
   std::string out = "report";
 };
 /// Returns 0 if every part that ran returned 0, else 1.
