@@ -7,6 +7,7 @@
 
 #include "error_runtime/peer.hpp"
 #include "error_runtime/report.hpp"
+#include "hand/work_price.hpp"
 #include "math/types.hpp"
 #include "support/moving_hand.hpp"
 
@@ -135,6 +136,20 @@ TEST(FlexibleBall, OnlyScenesWithFlexibleObjectsHaveTheirErrors) {
   EXPECT_TRUE(rows[1]["soft_rms_mm"].is_null());
   EXPECT_NE(table_markdown(study).find("| 0.25 |"), std::string::npos);
 }
+
+TEST(FlexibleBall, TheBoundOfTheDefaultHoldsForFlexibleObjects) {
+  SceneStudy study;
+  study.grasp = true;
+  study.rows.resize(1);
+  study.rows[0].is_default = true;
+  EXPECT_EQ(default_misses(study), "") << "a scene without flexible objects has no such error";
+  study.rows[0].along.soft_rms_mm = 0.05;
+  EXPECT_EQ(default_misses(study), "");
+  study.rows[0].along.soft_rms_mm = 0.2;
+  EXPECT_NE(default_misses(study).find("flexible objects by 0.2 mm"), std::string::npos) << default_misses(study);
+}
+
+TEST(FlexibleBall, TheLiveBudgetIsTheLeastOfALiveStep) { EXPECT_EQ(kSoftLiveBudget, WorkPrice::least_budget(true)); }
 
 // A recorded hand that closes to a fist as fast as the real one. That recording is not in the repository.
 class ClosingHand final : public Motion {
