@@ -190,9 +190,7 @@ class Restarted {
 };
 
 std::string classify(const Trajectory& trajectory, const Errors& errors, const Trajectory& reference) {
-  if (!trajectory.finite || trajectory.failed_steps > 0 || !(errors.tissue_rms_mm < kDiverged) ||
-      errors.soft_rms_mm >= kDiverged)
-    return "Diverged";
+  if (!trajectory.finite || trajectory.failed_steps > 0 || !(errors.tissue_rms_mm < kDiverged)) return "Diverged";
   return trajectory.inverted_at_end > reference.inverted_at_end ? "Inverted" : "Pass";
 }
 

@@ -52,7 +52,7 @@ struct Row {
   double energy_defect = 0;  ///< largest |residual| of the energy ledger over its scale
   int inverted = 0;          ///< inverted elements, most at any time
   /// - Pass
-  /// - Diverged: not finite, a failed step, or an error of 11 mm of the tissue or of flexible objects
+  /// - Diverged: not finite, a failed step, or an error of the tissue of 11 mm
   /// - Inverted: more inverted elements at the end than in the reference
   /// - Not built
   std::string classification;
