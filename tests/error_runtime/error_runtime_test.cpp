@@ -99,7 +99,7 @@ TEST(FlexibleBall, ItsNodesAreCompared) {
   EXPECT_NEAR(difference(combined({{3, &moved}, {-2, &still}}), still, weights).soft_rms_mm, 3, 1e-9);
 }
 
-// A whole study of the ball takes two minutes, so this test plays only what it needs.
+// A whole study of the ball takes a minute and a half, so this test plays only what it needs.
 TEST(FlexibleBall, TheDefaultIsNearTheConvergedRunAndFewIterationsAreNot) {
   const Scene& scene = scene_named("flexible_ball");
   const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");

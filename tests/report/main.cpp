@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
       "More: docs/command-line.md");
   std::function<int()> run;
   report::ReportArguments all_parts;
-  app.add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than five minutes");
+  app.add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than seven minutes");
   app.add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
   app.add_option("--motion", all_parts.motion,
                  "Recording for error-runtime's recorded scenes (CSV); without it they are left out")
@@ -83,8 +83,7 @@ int main(int argc, char** argv) {
                                "Error against run time: CPU time of every setting and its error against converged "
                                "references; exit code 1 if the default is more than "
                                "0.1 mm or 2 % off in a grasp");
-  command->add_flag("--quick", error_runtime.quick,
-                    "Only the coarse hand and fewer settings; takes a minute and a half");
+  command->add_flag("--quick", error_runtime.quick, "Only the coarse hand and fewer settings; takes three minutes");
   outputs(command, error_runtime,
           "scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and other norms",
           "File for the cost of the default, Pareto fronts, slopes and all rows",
