@@ -7,7 +7,6 @@
 
 #include "error_runtime/peer.hpp"
 #include "error_runtime/report.hpp"
-#include "hand/work_price.hpp"
 #include "math/types.hpp"
 #include "support/moving_hand.hpp"
 
@@ -148,8 +147,6 @@ TEST(FlexibleBall, TheBoundOfTheDefaultHoldsForFlexibleObjects) {
   study.rows[0].along.soft_rms_mm = 0.2;
   EXPECT_NE(default_misses(study).find("flexible objects by 0.2 mm"), std::string::npos) << default_misses(study);
 }
-
-TEST(FlexibleBall, TheLiveBudgetIsTheLeastOfALiveStep) { EXPECT_EQ(kSoftLiveBudget, WorkPrice::least_budget(true)); }
 
 // A recorded hand that closes to a fist as fast as the real one. That recording is not in the repository.
 class ClosingHand final : public Motion {

@@ -10,6 +10,7 @@
 #include <stdexcept>
 
 #include "error_runtime/peer.hpp"
+#include "hand/work_price.hpp"
 #include "report/report.hpp"
 
 namespace softhand::error_runtime {
@@ -91,9 +92,12 @@ const Row* like_default(const SceneStudy& scene, const std::string& knob) {
 }
 
 const Row& live_of(const SceneStudy& scene) {
-  return *std::find_if(scene.rows.begin(), scene.rows.end(), [&scene](const Row& row) {
+  const auto found = std::find_if(scene.rows.begin(), scene.rows.end(), [&scene](const Row& row) {
     return row.knob == "work_budget" && std::stod(row.setting) == scene.live_budget;
   });
+  if (found == scene.rows.end())
+    throw std::logic_error(fmt::format("{}: no run has the live budget of {:g}", scene.scene, scene.live_budget));
+  return *found;
 }
 
 std::string millimetres(double value) { return std::isfinite(value) ? fmt::format("{:.2g}", value) : "not finite"; }
@@ -152,7 +156,7 @@ std::string live_markdown(const Study& study) {
       "\n\n"
       "| scene | ms, median / p99 | steps cut off | tissue mm | force | asked | |\n"
       "| --- | --- | --- | --- | --- | --- | --- |\n",
-      study.default_hand, kLiveBudget, kSoftLiveBudget);
+      study.default_hand, kLiveBudget, WorkPrice::least_budget(true));
   for (const SceneStudy& scene : study.scenes) {
     const Row& row = live_of(scene);
     std::string asked = "-", met = "-";
@@ -185,9 +189,8 @@ std::string soft_markdown(const Study& study) {
         millimetres(like_default(scene, "mesh")->along.soft_rms_mm), millimetres(row.total.soft_rms_mm));
   }
   if (rows.empty()) return {};
-  return "\nErrors of flexible objects in these runs: RMS over time and nodes, mm. All meshes of the hand have the "
-         "same "
-         "mesh of the\nobject.\n\n"
+  return "\nErrors of flexible objects in these runs: RMS over time and nodes, mm. Only the mesh of the hand changes."
+         "\n\n"
          "| scene | live default | solver | one step | step | mesh of the hand | all |\n"
          "| --- | --- | --- | --- | --- | --- | --- |\n" +
          rows;

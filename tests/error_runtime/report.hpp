@@ -9,9 +9,9 @@
 
 namespace softhand::error_runtime {
 
-/// One object per run with these keys: scene, knob, setting, ms_p50, ms_p99, tissue_rms_mm, force_error, class, and the
-/// other figures of `Row`. tissue_rms_mm and force_error belong to the whole run against `reference`. Scenes that are
-/// not built have a row with null figures. Numbers that are not finite, or do not apply, are null.
+/// One object per run with the figures of `Row`. docs/command-line.md lists the keys. `tissue_rms_mm` and `force_error`
+/// belong to the whole run against `reference`. Scenes that are not built have a row with null figures. Numbers that
+/// are not finite, or do not apply, are null.
 nlohmann::ordered_json to_json(const Study& study);
 /// The same rows as CSV.
 std::string to_csv(const Study& study);

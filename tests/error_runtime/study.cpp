@@ -8,6 +8,7 @@
 #include <numeric>
 
 #include "cli/outcome.hpp"
+#include "hand/work_price.hpp"
 
 namespace softhand::error_runtime {
 namespace {
@@ -247,7 +248,7 @@ SceneStudy study_scene(const Scene& scene, bool quick) {
   study.statement = scene.statement;
   study.grasp = scene.grasp;
   study.live = scene.live;
-  if (!scene.soft_objects.empty()) study.live_budget = kSoftLiveBudget;
+  if (!scene.soft_objects.empty()) study.live_budget = WorkPrice::least_budget(true);
 
   // R0 with the single steps of the settings that have the same mesh and step.
   Run r0{"newton_iterations",

@@ -51,10 +51,8 @@ struct Row {
   double lag_ms = 0;
   double energy_defect = 0;  ///< largest |residual| of the energy ledger over its scale
   int inverted = 0;          ///< inverted elements, most at any time
-  /// - Pass
-  /// - Diverged: not finite, a failed step, or an error of the tissue of 11 mm
-  /// - Inverted: more inverted elements at the end than in the reference
-  /// - Not built
+  /// "Pass", "Diverged", "Inverted" or "Not built". Diverged: not finite, a failed step, or an error of the tissue of
+  /// 11 mm. Inverted: more inverted elements at the end than in the reference.
   std::string classification;
 };
 
@@ -68,9 +66,9 @@ struct Slope {
   std::size_t points = 0;
 };
 
-/// Work of a step, fast steps, by which the live default is judged. With flexible objects a live step has at least
-/// kSoftLiveBudget (hand/work_price.hpp).
-inline constexpr double kLiveBudget = 2, kSoftLiveBudget = 4;
+/// Work of a step, fast steps, by which the live default is judged without flexible objects. With them it is the least
+/// of a live step (`WorkPrice::least_budget`).
+inline constexpr double kLiveBudget = 2;
 
 struct SceneStudy {
   std::string scene;

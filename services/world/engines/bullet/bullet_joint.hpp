@@ -80,8 +80,8 @@ class BulletJoint final : public btTypedConstraint {
 
 /// Bullet's solver with three additions for the rows of BulletJoint.
 /// - The row's diagonal contains the compliance of the joint. Bullet leaves it out, and soft rows diverge.
-/// - Impulses of joints start at those of the last step. From zero, as in Bullet, a load on a long arm
-///   opens the joint by 0.2 mm.
+/// - Impulses of joints start at those of the last step. From zero, a load on a long arm opens the joint by
+///   0.2 mm. Bullet starts from zero.
 /// - Each iteration begins with a dense solve of all held rows of connected bodies. Bullet solves row by row. A load
 ///   behind light links, or a long chain, then needs thousands of iterations and explodes.
 class BulletJointSolver final : public btSequentialImpulseConstraintSolver {
