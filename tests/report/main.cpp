@@ -25,7 +25,7 @@ int main(int argc, char** argv) {
       "More: docs/command-line.md");
   std::function<int()> run;
   report::ReportArguments all_parts;
-  app.add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than seven minutes");
+  app.add_flag("--quick", all_parts.quick, "Run each part with its --quick; takes less than five minutes");
   app.add_flag("--resume", all_parts.resume, "Compute only the parts that DIR/report_data lacks");
   app.add_option("--motion", all_parts.motion,
                  "Recording for error-runtime's recorded scenes (CSV); without it they are left out")

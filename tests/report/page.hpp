@@ -11,7 +11,7 @@ namespace softhand::report {
 /// Writes report.md, images/*.png (with matplotlib) and report_data/*.{json,csv,md} into `out`. Creates `out` if
 /// needed.
 struct ReportArguments {
-  bool quick = false;   ///< each part runs with its own --quick: under seven minutes in total
+  bool quick = false;   ///< each part runs with its own --quick: under five minutes in total
   bool resume = false;  ///< keeps parts whose files are already in report_data
   std::string motion;   ///< recording for error-runtime's recorded scenes; empty: they are not played
   std::string out = "report";
