@@ -7,6 +7,10 @@
 
 namespace softhand {
 
+SimulatedClock::SimulatedClock(Nanoseconds from, Nanoseconds simulated, double pace, Nanoseconds until) {
+  commands_[0] = {from, until, pace, simulated};
+}
+
 Nanoseconds SimulatedClock::at(const Command& command, Nanoseconds real) {
   const Nanoseconds elapsed = std::min(real, command.until) - command.from;
   // A double represents nanoseconds exactly for up to 104 days. This is enough for a slowed interval, but not for the
@@ -33,11 +37,13 @@ void SimulatedClock::command(Nanoseconds from, double pace, Nanoseconds until) {
   for (; place < count_; ++place) commands_[place].simulated = at(commands_[place - 1], commands_[place].from);
 }
 
-Nanoseconds SimulatedClock::at(Nanoseconds real) const {
+const SimulatedClock::Command& SimulatedClock::in_effect(Nanoseconds real) const {
   std::size_t i = count_ - 1;
   while (i > 0 && commands_[i].from > real) --i;
-  return at(commands_[i], real);
+  return commands_[i];
 }
+
+Nanoseconds SimulatedClock::at(Nanoseconds real) const { return at(in_effect(real), real); }
 
 Nanoseconds SimulatedClock::when(Nanoseconds simulated) const {
   for (std::size_t i = 0; i < count_; ++i) {
@@ -58,10 +64,11 @@ Nanoseconds SimulatedClock::when(Nanoseconds simulated) const {
 }
 
 double SimulatedClock::pace(Nanoseconds real) const {
-  std::size_t i = count_ - 1;
-  while (i > 0 && commands_[i].from > real) --i;
-  return real < commands_[i].until ? commands_[i].pace : 0;
+  const Command& command = in_effect(real);
+  return real < command.until ? command.pace : 0;
 }
+
+Nanoseconds SimulatedClock::halt(Nanoseconds real) const { return pace(real) > 0 ? in_effect(real).until : kNever; }
 
 std::string SimulatedClock::text() const {
   std::ostringstream out;

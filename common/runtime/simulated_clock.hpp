@@ -18,6 +18,10 @@ class SimulatedClock {
  public:
   static constexpr Nanoseconds kNever = std::numeric_limits<Nanoseconds>::max();
 
+  SimulatedClock() = default;
+  /// A clock that runs already: it shows `simulated` at real time `from`, and continues as after `command`.
+  SimulatedClock(Nanoseconds from, Nanoseconds simulated, double pace, Nanoseconds until = kNever);
+
   /// From real time `from` on, a simulated second takes 1/pace real seconds. With `pace` 0 the clock stops. It also
   /// stops at `until`. Commands may come in any order: each one holds until the command with the next later `from`.
   /// Commands older than the last eight are ignored.
@@ -29,6 +33,9 @@ class SimulatedClock {
   Nanoseconds when(Nanoseconds simulated) const;
   /// Simulated seconds per real second at real time `real`.
   double pace(Nanoseconds real) const;
+  /// Real time at which the clock stops, by the command that is in effect at `real`. kNever if it does not run then, or
+  /// runs without an end.
+  Nanoseconds halt(Nanoseconds real) const;
 
   /// All commands on one line. A process that starts later reads them with `from_text`.
   std::string text() const;
@@ -43,6 +50,7 @@ class SimulatedClock {
     Nanoseconds simulated = 0;  // at `from`
   };
   static Nanoseconds at(const Command& command, Nanoseconds real);
+  const Command& in_effect(Nanoseconds real) const;
 
   std::array<Command, 9> commands_{};  // ascending by `from`; the first one also holds for all earlier times
   std::size_t count_ = 1;

@@ -30,6 +30,7 @@
 #include "runtime/exit_codes.hpp"
 #include "runtime/signals.hpp"
 #include "scene_file.hpp"
+#include "service/rig_clock.hpp"
 #include "service/time_control.hpp"
 
 namespace softhand {
@@ -150,11 +151,13 @@ class RigControl {
         rig_(read_rig(arguments.rig)),
         module_(std::string(kRigModule) + (rig_.part.empty() ? "" : "-" + rig_.part)),
         messages_(participant, bus::topics::message),
+        time_control_(find_clock(participant)),
         replies_(participant, bus::topics::message_reply),
         statuses_(participant, bus::topics::loop_status),
         choices_(participant, bus::topics::rig_choices),
         epoch_(participant.epoch()),
         clock_id_(clock_id()) {
+    pass_on_clock();
     overrides_ = arguments.overrides;
     if (!arguments.hand.empty()) overrides_.push_back("hand.model=" + arguments.hand);
     if (!arguments.scene.empty()) rig_.scene = arguments.scene;
@@ -192,8 +195,7 @@ class RigControl {
   void poll() {
     messages_.take_all([this](const Message& message) {
       const auto steered = time_control_.answer(message, module_, now());
-      // Processes that start later inherit the commanded state of the clock.
-      if (steered) setenv(TimeControl::kVariable, time_control_.clock().text().c_str(), 1);
+      if (steered) pass_on_clock();
       MessageReply reply = steered ? *steered : answer(message);
       stamp(reply.stamp, ++replied_);
       replies_.write(reply);
@@ -210,6 +212,9 @@ class RigControl {
   }
 
  private:
+  // Processes that start later inherit the variable.
+  void pass_on_clock() const { setenv(kClockVariable, time_control_.clock().text().c_str(), 1); }
+
   void publish_choices() {
     RigChoices message;
     set_text(message.module, module_);
@@ -283,10 +288,10 @@ class RigControl {
   Scene scene_;
   std::vector<std::string> scenes_;  // file names without extension in the folder of the rig's scene
   bus::Reader<Message> messages_;
+  TimeControl time_control_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> statuses_;
   bus::Writer<RigChoices> choices_;
-  TimeControl time_control_;
   Clock::time_point next_status_{};
   std::uint64_t epoch_;
   std::uint32_t clock_id_;

@@ -162,6 +162,7 @@ Service::Service(const ServiceArguments& arguments, double rate_hz, Pacing pacin
       pacing_(pacing),
       participant_(module_, bus::domain_from_environment(), {}, arguments.role),
       messages_(participant_, bus::topics::message),
+      time_control_(find_clock(participant_)),
       replies_(participant_, bus::topics::message_reply),
       status_writer_(participant_, bus::topics::loop_status),
       clock_id_(clock_id()) {
@@ -226,10 +227,7 @@ void Service::run(const Callbacks& callbacks) {
     loop.fill(status);
     callbacks.fill_status(status, own_clock.at(real));
     count_inputs(status, participant_, messages_);
-    if (pacing_ == Pacing::simulated) {
-      add_counter(status, "pace", clock().pace(real));
-      add_counter(status, "behind_s", static_cast<double>(real - clock().at(real)) * 1e-9);
-    }
+    if (pacing_ == Pacing::simulated) add_clock(status, clock(), real);
     count_clocks(status, participant_);
     status.stamp.sequence = ++status_sequence;
     status.stamp.sample_time = real;

@@ -10,7 +10,7 @@
 #include "messages/messages.hpp"
 #include "runtime/clock.hpp"
 #include "runtime/signals.hpp"
-#include "service/clock_check.hpp"
+#include "service/rig_clock.hpp"
 #include "service/time_control.hpp"
 
 namespace softhand {
@@ -63,7 +63,8 @@ class Service {
  public:
   /// Sets the urgency and the cores of the calling thread, which will run the loop. The threads of the participant are
   /// favoured above other programs, because they receive the loop's samples. Threads that are started later are
-  /// ordinary. From here on SIGTERM and SIGINT request a clean stop.
+  /// ordinary. From here on SIGTERM and SIGINT request a clean stop. Takes over the simulated clock of the modules that
+  /// run already, which can take seconds (`find_clock`).
   Service(const ServiceArguments& arguments, double rate_hz, Pacing pacing, Urgency urgency = Urgency::real_time);
   const bus::Participant& participant() const { return participant_; }
 
@@ -91,12 +92,12 @@ class Service {
 
  private:
   StopSignal stop_;
-  TimeControl time_control_;
   std::string module_;
   double rate_hz_;
   Pacing pacing_;
   bus::Participant participant_;
-  bus::Reader<Message> messages_;
+  bus::Reader<Message> messages_;  // before the clock is taken over, so that it keeps the commands of that time
+  TimeControl time_control_;
   bus::Writer<MessageReply> replies_;
   bus::Writer<LoopStatus> status_writer_;
   std::uint32_t clock_id_;

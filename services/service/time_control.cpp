@@ -1,7 +1,6 @@
 #include "service/time_control.hpp"
 
 #include <algorithm>
-#include <cstdlib>
 
 #include "device/answer.hpp"
 #include "messages/age.hpp"
@@ -10,16 +9,13 @@
 namespace softhand {
 namespace {
 
-constexpr double kSlowest = 0.01;       // smallest pace except 0
-constexpr double kLongestAdvance = 60;  // s
+constexpr double kSlowest = 0.01;  // smallest pace except 0
 // An older command comes from another clock, or it waited too long for its execution.
 constexpr double kOldestCommand = 2;  // s
 
 }  // namespace
 
-TimeControl::TimeControl() : clock_id_(clock_id()) {
-  if (const char* text = std::getenv(kVariable)) clock_ = SimulatedClock::from_text(text);
-}
+TimeControl::TimeControl(const SimulatedClock& clock) : clock_id_(clock_id()), clock_(clock) {}
 
 std::optional<MessageReply> TimeControl::answer(const Message& message, std::string_view module, Nanoseconds now) {
   const std::string_view key = get_text(message.key);

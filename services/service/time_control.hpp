@@ -14,11 +14,11 @@ class TimeControl {
  public:
   /// Delay from the sending of a command to its effect: longer than a message takes, too short for a person to notice.
   static constexpr Nanoseconds kNotice = 100'000'000;
-  /// Environment variable with the commanded state of the clock. `softhand up` sets it for processes that start later.
-  static constexpr const char* kVariable = "SOFTHAND_CLOCK";
+  /// s, of an `advance`.
+  static constexpr double kLongestAdvance = 60;
 
-  /// Reads SOFTHAND_CLOCK. Throws std::invalid_argument if its value is not a clock.
-  TimeControl();
+  /// `clock`: before the first command.
+  explicit TimeControl(const SimulatedClock& clock = {});
 
   /// Answers `pace` (0 = halt, 1 = real time), `advance` (simulated seconds in real time, then halt) and `reset` (any
   /// value). Returns nothing for other messages. `now` is real time. Real-time safe.

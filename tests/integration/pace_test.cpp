@@ -165,6 +165,27 @@ TEST_F(Pace, AllLoopsSlowDownTogetherAndARestartedOneToo) {
       << "the devices must come back";
 }
 
+// The user halts the rig for a while and then starts another tracker by hand.
+TEST_F(Pace, AProcessThatStartsByHandLaterTakesOverTheClock) {
+  RigListener listener;
+  Pacer pacer;
+  Up up(kTouch, {});
+  ASSERT_TRUE(listener.wait(20s, [&] { return all_present(listener); })) << up.output();
+  pacer.command("pace", "0");
+  listener.listen(1500ms);
+  pacer.command("pace", "1");
+  listener.listen(500ms);
+  const Program tracker({SOFTHAND_PROGRAMS "/softhand-tracker-replay", "--config",
+                         SOFTHAND_SOURCE_DIR "/tests/integration/rig_touch_scene.toml", "--module", "second",
+                         "--strength", "200", "--source", "7"});
+  ASSERT_TRUE(listener.wait(10s, [&] { return !listener.tracked.empty() && listener.tracked.back().source == 7; }))
+      << tracker.output();
+  pacer.listen(listener, 1000ms);
+  pacer.expect_on_clock({"tracker", "tracking", "hand", "world"});
+  EXPECT_EQ(listener.counter("second", "behind_s"), listener.counter("tracker", "behind_s"));
+  EXPECT_EQ(listener.counter("tracking", "refused_stamp"), 0);
+}
+
 TEST_F(Pace, PausesWithDevicesAtZeroAndAdvancesInSteps) {
   RigListener listener;
   Pacer pacer;

@@ -9,6 +9,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <limits>
+#include <optional>
 #include <string>
 #include <thread>
 #include <utility>
@@ -192,54 +195,124 @@ TEST(Service, CountsMessagesThatOutlivedTheirTime) {
   EXPECT_EQ(answers, 0);
 }
 
-// The times are those of the statuses. They need not be equal.
-TEST(ClockCheck, ComparesClocksAtOneTime) {
-  const auto status_at = [](double seconds, double pace, double behind) {
-    LoopStatus status;
-    status.stamp.sample_time = static_cast<Nanoseconds>(seconds * 1e9);
-    add_counter(status, "pace", pace);
-    add_counter(status, "behind_s", behind);
-    return status;
-  };
-  EXPECT_NEAR(*clock_difference(status_at(100, 1, 2), status_at(100.1, 1, 2)), 0, 1e-9);
-  EXPECT_NEAR(*clock_difference(status_at(100, 0.25, 2), status_at(100.1, 0.25, 2.075)), 0, 1e-9);
-  EXPECT_NEAR(*clock_difference(status_at(100, 1, 0), status_at(100.1, 0, 3)), 3, 1e-9);
-  EXPECT_NEAR(*clock_difference(status_at(100.1, 1, 0), status_at(100, 0, 3)), 3.1, 1e-9);
-  EXPECT_FALSE(clock_difference(status_at(100, 1, 0), LoopStatus{})) << "it has no simulated clock";
-  EXPECT_FALSE(clock_difference(status_at(100, 1, 0), status_at(0, 1, 3))) << "its time is not known";
+// A status from the time of the first argument, s.
+LoopStatus status_at(double seconds, double pace, double behind) {
+  LoopStatus status;
+  status.stamp.sample_time = static_cast<Nanoseconds>(seconds * 1e9);
+  add_counter(status, "pace", pace);
+  add_counter(status, "behind_s", behind);
+  return status;
 }
 
-// The rig was slowed down for a time before this process started.
+TEST(RigClock, IsTheClockThatWroteTheStatus) {
+  SimulatedClock clock;
+  clock.command(3'000'000'007, 0.3);
+  clock.command(5'000'000'000, 1, 7'000'000'000);
+  for (const double seconds : {2.0, 4.000000001, 6.0, 8.0}) {
+    const auto at = std::llround(1e9 * seconds);
+    LoopStatus status;
+    status.stamp.sample_time = at;
+    add_clock(status, clock, at);
+    const std::optional<SimulatedClock> read = clock_of(status);
+    ASSERT_TRUE(read) << at;
+    // Until the next command.
+    for (const Nanoseconds later : {Nanoseconds{0}, Nanoseconds{500'000'000}})
+      EXPECT_NEAR(static_cast<double>(read->at(at + later) - clock.at(at + later)), 0, 1) << at << " " << later;
+    EXPECT_EQ(read->halt(at), clock.halt(at)) << at;
+  }
+  EXPECT_EQ(clock.halt(6'000'000'000), 7'000'000'000);
+  EXPECT_EQ(clock.halt(7'000'000'000), SimulatedClock::kNever) << "it has halted";
+}
+
+TEST(RigClock, ACommandHoldsOnlyIfTheStatusIsOlder) {
+  const SimulatedClock taken(10'000, 4'000, 1);
+  SimulatedClock clock = taken;
+  clock.command(9'000, 0);
+  EXPECT_EQ(clock.at(12'000), taken.at(12'000)) << "the status has this command already";
+  clock.command(11'000, 0);
+  EXPECT_EQ(clock.at(12'000), 5'000);
+  EXPECT_EQ(SimulatedClock::from_text(clock.text()).at(12'000), 5'000);
+}
+
+TEST(RigClock, IsEmptyForAStatusThatCannotBeUsed) {
+  constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+  EXPECT_TRUE(clock_of(status_at(100, 1, 2)));
+  EXPECT_FALSE(clock_of(LoopStatus{})) << "it has no simulated clock";
+  EXPECT_FALSE(clock_of(status_at(0, 1, 0))) << "its time is not known";
+  EXPECT_FALSE(clock_of(status_at(100, 1.5, 2)));
+  EXPECT_FALSE(clock_of(status_at(100, kNan, 2)));
+  EXPECT_FALSE(clock_of(status_at(100, 1, -1)));
+  EXPECT_FALSE(clock_of(status_at(100, 1, 101)));
+  EXPECT_FALSE(clock_of(status_at(100, 1, kNan)));
+  LoopStatus halting = status_at(100, 1, 2);
+  add_counter(halting, "halts_in_s", 1e300);
+  EXPECT_FALSE(clock_of(halting));
+  LoopStatus foreign = status_at(100, 1, 2);
+  foreign.stamp.clock_id = clock_id() + 1;
+  EXPECT_FALSE(clock_of(foreign));
+}
+
+// A module of a rig that was slowed down for a time: its clock is 2.5 s behind.
+class SlowedRig {
+ public:
+  SlowedRig() {
+    set_text(status_.module, "the world");
+    status_.stamp.epoch = participant_.epoch();
+    add_counter(status_, "pace", 1);
+    add_counter(status_, "behind_s", 2.5);
+  }
+
+ private:
+  void write(const std::stop_token& stop) {
+    while (!stop.stop_requested()) {
+      ++status_.stamp.sequence;
+      status_.stamp.sample_time = status_.stamp.publish_time = now();
+      statuses_.write(status_);
+      std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    }
+  }
+  bus::Participant participant_{"world"};
+  bus::Writer<LoopStatus> statuses_{participant_, bus::topics::loop_status};
+  LoopStatus status_;
+  std::jthread thread_{[this](const std::stop_token& stop) { write(stop); }};
+};
+
+TEST(Service, TakesOverTheClockOfTheModulesThatRun) {
+  testing::use_own_domain();
+  const SlowedRig rig;
+  ServiceArguments arguments;
+  arguments.role = "client";
+  arguments.module = "latecomer";
+  for (const Pacing pacing : {Pacing::simulated, Pacing::real}) {
+    const Service service(arguments, 100, pacing, Urgency::ordinary);
+    const Nanoseconds at = now();
+    EXPECT_EQ(at - service.clock().at(at), 2'500'000'000);
+  }
+}
+
 TEST(Service, NamesAModuleWhoseSimulatedClockDiffers) {
   testing::use_own_domain();
-  const bus::Participant world("world");
-  bus::Writer statuses(world, bus::topics::loop_status);
-  LoopStatus status;
-  set_text(status.module, "the world");
-  status.stamp.epoch = world.epoch();
-  add_counter(status, "pace", 1);
-  add_counter(status, "behind_s", 2.5);
+  const SlowedRig rig;
   ServiceArguments arguments;
   arguments.role = "client";
   arguments.module = "latecomer";
   ::testing::internal::CaptureStderr();
+  setenv(kClockVariable, SimulatedClock().text().c_str(), 1);  // so it does not take over the other clock
   {
     Service service(arguments, 100, Pacing::simulated, Urgency::ordinary);
     int steps = 0;
     service.run({.step =
                      [&](Nanoseconds) {
-                       ++status.stamp.sequence;
-                       status.stamp.sample_time = status.stamp.publish_time = now();
-                       if (steps % 10 == 0) statuses.write(status);
                        if (++steps == 120) raise(SIGTERM);
                      },
                  .fill_status = [](LoopStatus&, Nanoseconds) {}});
   }
+  unsetenv(kClockVariable);
   const std::string text = ::testing::internal::GetCapturedStderr(),
-                    start = "latecomer: the simulated clock of module ";
-  const std::size_t line = text.find(start + "the world is 2.500 s behind that of this process");
+                    start = "latecomer: the simulated clock of module the world is 2.500 s behind that of this process";
+  const std::size_t line = text.find(start);
   EXPECT_NE(line, std::string::npos) << text;
-  EXPECT_EQ(text.find(start, line + 1), std::string::npos) << "only once";
+  EXPECT_EQ(text.find("the simulated clock", line + 1 + start.size()), std::string::npos) << "only once";
 }
 
 // Nobody reads stderr for a while, and its pipe is full. A loop must not wait for the reader.
