@@ -5,6 +5,8 @@
 
 #include "bus/bus.hpp"
 #include "cli/commands.hpp"
+#include "cli/module_table.hpp"
+#include "cli/terminal_text.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
 
@@ -44,6 +46,7 @@ int run_send(const SendArguments& arguments) {
   set_text(message.value, arguments.value);
   const bus::Participant participant("softhand send");
   bus::Reader replies(participant, bus::topics::message_reply);
+  bus::Reader statuses(participant, bus::topics::loop_status);
   bus::Writer writer(participant, bus::topics::message);
 
   wait_for_readers(writer);
@@ -58,6 +61,7 @@ int run_send(const SendArguments& arguments) {
   message.stamp.publish_time = message.stamp.sample_time = now();
   writer.write(message);
 
+  ModuleTable<bool> answered;
   int applied = 0;
   int answers = 0;
   const auto timeout =
@@ -65,19 +69,28 @@ int run_send(const SendArguments& arguments) {
   auto until = std::chrono::steady_clock::now() + timeout;
   while (std::chrono::steady_clock::now() < until) {
     replies.wait(std::chrono::milliseconds(50));
+    statuses.take_all([&](const LoopStatus& status) { answered.of(get_text(status.module), now()); });
     replies.take_all([&](const MessageReply& reply) {
       if (reply.id != message.id) return;
+      if (bool* const known = answered.of(get_text(reply.module), now())) *known = true;
       until = std::chrono::steady_clock::now() + timeout;
       ++answers;
       applied += reply.result == kReplyApplied;
       const char* result = reply.result == kReplyApplied   ? "applied"
                            : reply.result == kReplyRefused ? "REFUSED"
                                                            : "not mine";
-      fmt::print("{:<18} {:<8} {}\n", get_text(reply.module), result, get_text(reply.text));
+      const std::string line = fmt::format("{:<18} {:<8} {}", get_text(reply.module), result, get_text(reply.text));
+      fmt::print("{}\n", terminal_text(line));
     });
   }
   if (answers == 0) fmt::print(stderr, "softhand send: no module answered within {} s\n", arguments.seconds);
-  return applied > 0 ? 0 : 1;
+  bool all_answered = true;
+  for (const auto& [module, has_answered] : answered.rows()) {
+    if (has_answered || (arguments.module != "*" && arguments.module != module)) continue;
+    all_answered = false;
+    fmt::print(stderr, "softhand send: module {} did not answer\n", terminal_text(module));
+  }
+  return applied > 0 && all_answered ? 0 : 1;
 }
 
 }  // namespace softhand

@@ -12,6 +12,7 @@
 #include "cli/commands.hpp"
 #include "cli/module_table.hpp"
 #include "cli/status_table.hpp"
+#include "cli/terminal_text.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "runtime/clock.hpp"
@@ -71,9 +72,10 @@ int run_status(const StatusArguments& arguments) {
       fmt::print("{}\n", json_text(json));
     } else {
       if (terminal && !snapshot) fmt::print("\x1b[H\x1b[2J");
-      fmt::print("{}{}{}", status_table(modules, now()), clock_lines(participant),
-                 modules.empty() ? "no module found on this domain\n" : "");
-      for (const auto& [name, choices] : rigs.rows()) fmt::print("{}", choices_text(choices));
+      std::string text = status_table(modules, now()) + clock_lines(participant);
+      if (modules.empty()) text += "no module found on this domain\n";
+      for (const auto& [name, choices] : rigs.rows()) text += choices_text(choices);
+      fmt::print("{}", terminal_text(text));
     }
     if (table.refused() > 0)
       fmt::print(arguments.json ? stderr : stdout, "{} statuses of further modules refused: only {} modules fit\n",

@@ -7,6 +7,7 @@
 
 #include "bus/bus.hpp"
 #include "cli/commands.hpp"
+#include "cli/terminal_text.hpp"
 #include "cli/tracker_table.hpp"
 #include "device/health.hpp"
 #include "messages/convert.hpp"
@@ -70,7 +71,7 @@ int run_trackers(const TrackersArguments& arguments) {
   watcher.listen(kListening);
   const TrackerTable& table = watcher.table();
   if (arguments.use.empty()) {
-    fmt::print("{}", table.text(now()));
+    fmt::print("{}", terminal_text(table.text(now())));
     return table.trackers().empty() ? 1 : 0;
   }
   const std::optional<int> strength = table.strength_to_own(arguments.use, now());

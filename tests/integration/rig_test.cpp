@@ -10,6 +10,7 @@
 #include <fstream>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <thread>
 
 #include "integration/rig_fixture.hpp"
 #include "messages/convert.hpp"
@@ -253,6 +254,27 @@ TEST_F(Rig, FaultsOfATrackerAreRefusedOrAbsorbedAndCounted) {
               listener.simulated.back().follow_error * 1e3);
   expect_all_finite(listener);
   for (const std::string& module : kModules) EXPECT_TRUE(is_alive(listener.modules.at(module).process_id)) << module;
+}
+
+// The module has a name that would clear the terminal.
+TEST_F(Rig, SendNamesAModuleThatDoesNotAnswer) {
+  const bus::Participant participant("world");
+  const bus::Reader messages(participant, bus::topics::message);
+  bus::Writer statuses(participant, bus::topics::loop_status);
+  const std::jthread module([&](const std::stop_token& stop) {
+    LoopStatus status;
+    set_text(status.module, "deaf\x1b[2J");
+    status.stamp.epoch = participant.epoch();
+    while (!stop.stop_requested()) {
+      ++status.stamp.sequence;
+      status.stamp.sample_time = status.stamp.publish_time = now();
+      statuses.write(status);
+      std::this_thread::sleep_for(50ms);
+    }
+  });
+  const Finished sent = run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "pace", "1"});
+  EXPECT_EQ(sent.exit_code, 1);
+  EXPECT_NE(sent.output.find("softhand send: module deaf?[2J did not answer\n"), std::string::npos) << sent.output;
 }
 
 TEST_F(Rig, EveryModuleAnswersEveryMessage) {

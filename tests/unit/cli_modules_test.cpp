@@ -4,6 +4,7 @@
 #include <string>
 
 #include "cli/module_table.hpp"
+#include "cli/terminal_text.hpp"
 
 namespace softhand::cli_modules_test {
 namespace {
@@ -25,6 +26,13 @@ TEST(ModuleTable, ForgedNamesNeitherGrowItNorTakePlacesInUse) {
     ASSERT_LE(table.rows().size(), Table::kMost);
   }
   EXPECT_GT(table.refused(), 8000u);
+}
+
+TEST(TerminalText, HasNoControlCharacters) {
+  EXPECT_EQ(terminal_text("hand  applied\nworld"), "hand  applied\nworld");
+  EXPECT_EQ(terminal_text("\x1b[2J\a\x7f\t"), "?[2J???");
+  EXPECT_EQ(terminal_text("\xc2\x9bmred"), "?mred") << "U+009B begins a command too";
+  EXPECT_EQ(terminal_text("3 \xc2\xb5m, Andr\xc3\xa9 \xc2"), "3 \xc2\xb5m, Andr\xc3\xa9 \xc2");
 }
 
 TEST(ModuleTable, AnExpectedModuleAlwaysHasAPlace) {
