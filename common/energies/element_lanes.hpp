@@ -12,23 +12,83 @@ namespace {
 static_assert(kElementBatch % kLanes == 0);
 constexpr std::size_t element_slot(std::size_t row, std::size_t column) { return row * (row + 1) / 2 + column; }
 
-SOFTHAND_INLINE Lanes gather(const double* base, const std::int32_t* index, std::size_t component) {
-  Lanes result;
+// Two doubles side by side in memory: x and y of a node.
+typedef double Pair __attribute__((vector_size(16)));
+typedef double UnalignedPair __attribute__((vector_size(16), aligned(8), may_alias));
+SOFTHAND_INLINE Pair load_pair(const double* from) { return *reinterpret_cast<const UnalignedPair*>(from); }
+SOFTHAND_INLINE void store_pair(double* to, Pair value) { *reinterpret_cast<UnalignedPair*>(to) = value; }
+
+// Swaps the odd entries of `even` with the even entries of `odd`. This turns the pairs of even and of odd lanes into
+// the first and the second entries of all lanes, and back.
+SOFTHAND_INLINE void swap_pairs(Vector& even, Vector& odd) {
+#if defined(__AVX512F__)
+  const VectorMask low{0, 8, 2, 10, 4, 12, 6, 14}, high{1, 9, 3, 11, 5, 13, 7, 15};
+#elif defined(__AVX2__)
+  const VectorMask low{0, 4, 2, 6}, high{1, 5, 3, 7};
+#else
+  const VectorMask low{0, 2}, high{1, 3};
+#endif
+  const Vector first = __builtin_shuffle(even, odd, low);
+  odd = __builtin_shuffle(even, odd, high);
+  even = first;
+}
+
+// The positions of a node of each lane. x and y are loaded together.
+SOFTHAND_INLINE Lanes3 gather(const double* positions, const std::int32_t* node) {
+  Lanes3 result;
 #pragma GCC unroll 4
   for (std::size_t k = 0; k < kVectorsPerLanes; ++k) {
-    const std::int32_t* of = index + k * kVectorWidth;
-    const auto at = [&](std::size_t i) {
-      return base[3 * static_cast<std::ptrdiff_t>(of[i]) + static_cast<std::ptrdiff_t>(component)];
-    };
+    const double* at[kVectorWidth];
+#pragma GCC unroll 8
+    for (std::size_t i = 0; i < kVectorWidth; ++i)
+      at[i] = positions + 3 * static_cast<std::ptrdiff_t>(node[k * kVectorWidth + i]);
 #if defined(__AVX512F__)
-    result.part[k] = Vector{at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)};
+    const auto four = [&](std::size_t i) {
+      return __builtin_shufflevector(load_pair(at[i]), load_pair(at[i + 2]), 0, 1, 2, 3);
+    };
+    const auto all = [&](std::size_t i) {
+      return __builtin_shufflevector(four(i), four(i + 4), 0, 1, 2, 3, 4, 5, 6, 7);
+    };
+    Vector even = all(0), odd = all(1);
+    result.z.part[k] = Vector{at[0][2], at[1][2], at[2][2], at[3][2], at[4][2], at[5][2], at[6][2], at[7][2]};
 #elif defined(__AVX2__)
-    result.part[k] = Vector{at(0), at(1), at(2), at(3)};
+    const auto all = [&](std::size_t i) {
+      return __builtin_shufflevector(load_pair(at[i]), load_pair(at[i + 2]), 0, 1, 2, 3);
+    };
+    Vector even = all(0), odd = all(1);
+    result.z.part[k] = Vector{at[0][2], at[1][2], at[2][2], at[3][2]};
 #else
-    result.part[k] = Vector{at(0), at(1)};
+    Vector even = load_pair(at[0]), odd = load_pair(at[1]);
+    result.z.part[k] = Vector{at[0][2], at[1][2]};
 #endif
+    swap_pairs(even, odd);
+    result.x.part[k] = even;
+    result.y.part[k] = odd;
   }
   return result;
+}
+
+// Forces on the nodes of a batch: by node and lane. x and y of a lane lie side by side at its `pair_place`.
+struct alignas(64) BatchForces {
+  double xy[4][2 * kElementBatch];
+  double z[4][kElementBatch];
+};
+// In each vector's width of lanes, the even lanes come first.
+constexpr std::size_t pair_place(std::size_t lane) {
+  const std::size_t in_vector = lane % kVectorWidth;
+  return lane - in_vector + (in_vector % 2 == 0 ? 0 : kVectorWidth / 2) + in_vector / 2;
+}
+
+SOFTHAND_INLINE void store_force(std::size_t node, const Lanes3& force, std::size_t first, BatchForces& forces) {
+#pragma GCC unroll 4
+  for (std::size_t k = 0; k < kVectorsPerLanes; ++k) {
+    Vector even = force.x.part[k], odd = force.y.part[k];
+    swap_pairs(even, odd);
+    double* to = forces.xy[node] + 2 * (first + k * kVectorWidth);
+    store(to, even);
+    store(to + kVectorWidth, odd);
+  }
+  store(forces.z[node] + first, force.z);
 }
 
 // Results of a batch, to be added to gradient and Hessian. The Hessian's blocks consist of rows of type `Row`: Lanes,
@@ -39,14 +99,14 @@ template <>
 struct alignas(64) BatchResult<Lanes> {
   using Scalar = double;
   double energy[kElementBatch];
-  double force[12][kElementBatch];     // gradient, node by node
+  BatchForces forces;                  // gradient
   double block[10][9][kElementBatch];  // as ElementBatch::slot, column-major
 };
 template <>
 struct alignas(64) BatchResult<Singles> {
   using Scalar = float;
   double energy[kElementBatch];
-  double force[12][kElementBatch];
+  BatchForces forces;
   float block[10][9][kElementBatch];
 };
 
@@ -68,8 +128,7 @@ SOFTHAND_INLINE void load_deformation_gradient(const ElementBatch& batch, std::s
   Lanes3 point[4];
 #pragma GCC unroll 4
   for (std::size_t n = 0; n < 4; ++n) {
-    const std::int32_t* node = batch.node[n] + first;
-    point[n] = {gather(positions, node, 0), gather(positions, node, 1), gather(positions, node, 2)};
+    point[n] = gather(positions, batch.node[n] + first);
   }
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
@@ -88,15 +147,8 @@ SOFTHAND_INLINE void load_deformation_gradient(const ElementBatch& batch, std::s
 template <typename Result>
 SOFTHAND_INLINE void store_forces(const Lanes3 (&force)[3], std::size_t first, Result& result) {
 #pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) {
-    store(result.force[3 * n + 3] + first, force[n].x);
-    store(result.force[3 * n + 4] + first, force[n].y);
-    store(result.force[3 * n + 5] + first, force[n].z);
-  }
-  const Lanes3 sum = -(force[0] + force[1] + force[2]);
-  store(result.force[0] + first, sum.x);
-  store(result.force[1] + first, sum.y);
-  store(result.force[2] + first, sum.z);
+  for (std::size_t n = 0; n < 3; ++n) store_force(n + 1, force[n], first, result.forces);
+  store_force(0, -(force[0] + force[1] + force[2]), first, result.forces);
 }
 
 // Stores a 3x3 block, column by column.
@@ -145,6 +197,22 @@ SOFTHAND_INLINE void store_blocks(std::size_t first, BatchResult<Row>& result, c
   store_block(element_slot(0, 0), symmetric, first, result);
 }
 
+// Adds the forces of a batch: node by node, and element by element, as the blocks below.
+SOFTHAND_INLINE void scatter_forces(const ElementBatch& batch, const BatchForces& forces, double* gradient) {
+  for (std::size_t n = 0; n < 4; ++n) {
+    for (std::size_t first = 0; first < batch.count; first += kVectorWidth) {
+#pragma GCC unroll 8
+      for (std::size_t i = 0; i < kVectorWidth; ++i) {
+        const std::size_t lane = first + i;
+        if (lane >= batch.count) break;
+        double* stored = gradient + 3 * static_cast<std::ptrdiff_t>(batch.node[n][lane]);
+        store_pair(stored, load_pair(stored) + load_pair(forces.xy[n] + 2 * (first + pair_place(i))));
+        stored[2] += forces.z[n][lane];
+      }
+    }
+  }
+}
+
 // Adds the blocks of a batch: block by block, and inside a block element by element. So the order does not depend on
 // the width of the vectors.
 template <typename Row>
@@ -173,44 +241,58 @@ SOFTHAND_INLINE void scatter_blocks(const ElementBatch& batch, const BatchResult
   }
 }
 
+// Asks for values that the next batch needs. The machine does not foresee them, because the arrays of a batch are
+// short.
+template <typename Value, std::size_t kCount>
+SOFTHAND_INLINE void prefetch(const Value (&values)[kCount]) {
+  constexpr std::size_t kLine = 64;
+#pragma GCC unroll 32
+  for (std::size_t byte = 0; byte < sizeof(values); byte += kLine)
+    __builtin_prefetch(reinterpret_cast<const char*>(values) + byte);
+}
+
 template <bool kGradient, bool kHessian>
 struct Outputs {
   static constexpr bool gradient = kGradient, hessian = kHessian;
 };
 
-template <typename Row, bool kGradient, bool kHessian, typename Batch, typename Evaluate>
-double evaluate_as(const Batch* batches, std::size_t count, const ElementOutput& output, const Evaluate& evaluate) {
+template <typename Row, bool kGradient, bool kHessian, typename Batch, typename Prefetch, typename Evaluate>
+double evaluate_as(const Batch* batches, std::size_t count, const ElementOutput& output,
+                   const Prefetch& prefetch_values, const Evaluate& evaluate) {
   double energy = 0;
   BatchResult<Row> result;
   for (const Batch* batch = batches; batch != batches + count; ++batch) {
-    for (std::size_t first = 0; first < batch->count; first += kLanes)
+    if (batch + 1 != batches + count) {
+      prefetch(batch[1].shape);
+      prefetch(batch[1].node);
+      prefetch_values(batch[1]);
+    }
+    // The first bound tells the compiler that one round is enough if the lanes hold a whole batch. Otherwise it loads
+    // the values of a second round ahead and spills them.
+    for (std::size_t first = 0; first < kElementBatch && first < batch->count; first += kLanes)
       evaluate(Outputs<kGradient, kHessian>{}, *batch, first, result);
     for (std::size_t lane = 0; lane < batch->count; ++lane) energy += result.energy[lane];
-    if constexpr (kGradient) {
-      for (std::size_t n = 0; n < 4; ++n) {
-        for (std::size_t lane = 0; lane < batch->count; ++lane) {
-          double* stored = output.gradient + 3 * static_cast<std::ptrdiff_t>(batch->node[n][lane]);
-          for (std::size_t c = 0; c < 3; ++c) stored[c] += result.force[3 * n + c][lane];
-        }
-      }
-    }
+    if constexpr (kGradient) scatter_forces(*batch, result.forces, output.gradient);
     if constexpr (kHessian) scatter_blocks(*batch, result, output.blocks);
   }
   return energy;
 }
 
 // Calls evaluate(Outputs, batch, first, result) for the lanes from `first` on of each batch. Adds the result to the
-// output, batch by batch. Returns the energy.
-template <typename Batch, typename Evaluate>
+// output, batch by batch. prefetch_values(batch) asks for what the evaluation needs besides shape and nodes. Returns
+// the energy.
+template <typename Batch, typename Prefetch, typename Evaluate>
 double evaluate_batches(const Batch* batches, std::size_t count, const ElementOutput& output,
-                        const Evaluate& evaluate) {
+                        const Prefetch& prefetch_values, const Evaluate& evaluate) {
   if (output.blocks == nullptr) {
-    return output.gradient != nullptr ? evaluate_as<Lanes, true, false>(batches, count, output, evaluate)
-                                      : evaluate_as<Lanes, false, false>(batches, count, output, evaluate);
+    return output.gradient != nullptr
+               ? evaluate_as<Lanes, true, false>(batches, count, output, prefetch_values, evaluate)
+               : evaluate_as<Lanes, false, false>(batches, count, output, prefetch_values, evaluate);
   }
-  if (output.gradient == nullptr) return evaluate_as<Lanes, false, true>(batches, count, output, evaluate);
-  return output.single_blocks ? evaluate_as<Singles, true, true>(batches, count, output, evaluate)
-                              : evaluate_as<Lanes, true, true>(batches, count, output, evaluate);
+  if (output.gradient == nullptr)
+    return evaluate_as<Lanes, false, true>(batches, count, output, prefetch_values, evaluate);
+  return output.single_blocks ? evaluate_as<Singles, true, true>(batches, count, output, prefetch_values, evaluate)
+                              : evaluate_as<Lanes, true, true>(batches, count, output, prefetch_values, evaluate);
 }
 
 }  // namespace

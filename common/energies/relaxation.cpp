@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <stdexcept>
 #include <string>
 
@@ -52,12 +53,14 @@ RelaxationEnergy::RelaxationEnergy(const TissueModel& hand, const Branches& time
     ++batches_.back().count;
   }
   memory_.springs.resize(kSpringBatch * batches_.size());
+  begun_positions_.resize(3, hand.node_count());
 }
 
 void RelaxationEnergy::load(const Memory& memory) {
   if (memory.springs.size() != memory_.springs.size())
     throw std::invalid_argument("RelaxationEnergy: the memory is that of another hand");
   std::copy(memory.springs.begin(), memory.springs.end(), memory_.springs.begin());
+  begun_time_step_ = 0;
   memory_.stored = memory.stored;
   memory_.dissipated = memory.dissipated;
 }
@@ -65,6 +68,7 @@ void RelaxationEnergy::load(const Memory& memory) {
 void RelaxationEnergy::reset() {
   std::fill(memory_.springs.begin(), memory_.springs.end(), 0.0);
   memory_.stored = memory_.dissipated = 0;
+  begun_time_step_ = 0;
 }
 
 void RelaxationEnergy::add_pattern(BlockPattern& pattern) const {
@@ -76,12 +80,17 @@ void RelaxationEnergy::bind(const BlockMatrix& matrix) {
 }
 
 void RelaxationEnergy::begin_step(const State& state, double time_step) {
+  const auto bytes = sizeof(double) * static_cast<std::size_t>(begun_positions_.size());
+  if (time_step == begun_time_step_ && std::memcmp(begun_positions_.data(), state.node_positions.data(), bytes) == 0)
+    return;
   for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
-    const double a = time_step / time_constants_[i];
-    decay_[i] = {a, std::exp(-a), mean_decay(a)};
+    const double a = time_step / time_constants_[i], g = mean_decay(a);
+    // The work on the spring less the growth of |h|^2. The mean of h is g h + (1 - g)/a (E - E_0).
+    decay_[i] = {std::exp(-a), g, {-std::expm1(-2 * a), 2 * a * g * g, 2 * (1 - g) / a - g * g}};
   }
-  for (std::size_t b = 0; b < batches_.size(); ++b)
-    kernel_.begin(batches_[b], memory_.springs.data() + kSpringBatch * b, state.node_positions.data(), decay_);
+  begun_time_step_ = time_step;
+  begun_positions_ = state.node_positions.leftCols(begun_positions_.cols());
+  kernel_.begin(batches_.data(), batches_.size(), memory_.springs.data(), state.node_positions.data(), decay_);
 }
 
 double RelaxationEnergy::evaluate(const State& state, const ElementOutput& output) const {
@@ -109,10 +118,10 @@ double RelaxationEnergy::add_all(const State& state, VectorX& gradient, BlockMat
 void RelaxationEnergy::end_step(State& state) {
   before_ = memory_.stored;
   heat_ = memory_.stored = 0;
-  for (std::size_t b = 0; b < batches_.size(); ++b)
-    kernel_.end(batches_[b], memory_.springs.data() + kSpringBatch * b, state.node_positions.data(), decay_,
-                memory_.stored, heat_);
+  kernel_.end(batches_.data(), batches_.size(), memory_.springs.data(), state.node_positions.data(), decay_,
+              memory_.stored, heat_);
   memory_.dissipated += heat_;
+  begun_positions_ = state.node_positions.leftCols(begun_positions_.cols());
 }
 
 EnergyFlow RelaxationEnergy::flow(double, double, double taken) const {

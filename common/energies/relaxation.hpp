@@ -75,6 +75,10 @@ class RelaxationEnergy final : public EnergyWithMemory<RelaxationEnergy> {
   int element_count_ = 0;
   std::vector<RelaxationBatch> batches_;
   RelaxationDecay decay_[kRelaxationBranches];
+  // The batches hold the function of a step that begins at these positions and lasts this long, s. 0: of no step. The
+  // end of a step sets that of the next one, because it knows the strain.
+  double begun_time_step_ = 0;
+  Eigen::Matrix3Xd begun_positions_;
   Memory memory_;
   double before_ = 0;  // J, stored after the step before the last
   double heat_ = 0;    // J, of the last step

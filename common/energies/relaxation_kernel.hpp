@@ -27,21 +27,23 @@ inline constexpr std::size_t kSpringBatch = kRelaxationBranches * 6 * kElementBa
 
 /// Of a branch in a step.
 struct RelaxationDecay {
-  double duration = 0;  ///< a
-  double kept = 1;      ///< e^-a
-  double taken = 1;     ///< g
+  double kept = 1;   ///< e^-a
+  double taken = 1;  ///< g
+  /// The heat of the damper is V mu w times the sum of these products with |h|^2, h:(E - E_0) and |E - E_0|^2.
+  double heat[3] = {0, 0, 0};
 };
 
-/// `positions`: three per node, metres. `springs`: `kSpringBatch` numbers.
+/// `positions`: three per node, metres. `springs`: `kSpringBatch` numbers per batch.
 struct RelaxationKernel {
-  /// Sets the function of the step that begins.
-  void (*begin)(RelaxationBatch& batch, const double* springs, const double* positions,
+  /// Sets the function of a step that begins at `positions`.
+  void (*begin)(RelaxationBatch* batches, std::size_t count, const double* springs, const double* positions,
                 const RelaxationDecay (&decay)[kRelaxationBranches]);
   /// Returns the energy, J.
   double (*energy)(const RelaxationBatch* batches, std::size_t count, const double* positions,
                    const ElementOutput& output);
-  /// Moves the springs to the step's end. Adds what they store then, and the heat of the dampers, J.
-  void (*end)(const RelaxationBatch& batch, double* springs, const double* positions,
+  /// Moves the springs to the step's end. Sets the function of a next step that begins there and lasts as long. Adds
+  /// what the springs store then, and the heat of the dampers, J.
+  void (*end)(RelaxationBatch* batches, std::size_t count, double* springs, const double* positions,
               const RelaxationDecay (&decay)[kRelaxationBranches], double& stored, double& heat);
 };
 

@@ -12,6 +12,10 @@ SOFTHAND_INLINE Lanes product(const Lanes (&a)[6], const Lanes (&b)[6]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + 2.0 * (a[3] * b[3] + a[4] * b[4] + a[5] * b[5]);
 }
 
+SOFTHAND_INLINE void load_tensor(const double* from, Lanes (&tensor)[6]) {
+  for (std::size_t k = 0; k < 6; ++k) tensor[k] = load_lanes(from + k * kElementBatch);
+}
+
 SOFTHAND_INLINE void green_strain(const Lanes3 (&f)[3], Lanes (&strain)[6]) {
   for (std::size_t k = 0; k < 3; ++k) strain[k] = 0.5 * (dot(f[k], f[k]) - 1.0);
   strain[3] = 0.5 * dot(f[1], f[2]);
@@ -27,16 +31,18 @@ SOFTHAND_INLINE void evaluate_lanes(const RelaxationBatch& batch, std::size_t fi
                                     bool projected, BatchResult<Row>& result) {
   Lanes3 f[3], shape[3];
   load_deformation_gradient(batch, first, positions, f, shape);
-  Lanes strain[6], linear[6];
+  Lanes strain[6], linear[6], secant[6], stress[6];  // E, M, K E + 2 M, V times the second Piola-Kirchhoff stress
   green_strain(f, strain);
-  for (std::size_t k = 0; k < 6; ++k) linear[k] = load_lanes(batch.linear[k] + first);
+  load_tensor(batch.linear[0] + first, linear);
   const Lanes quadratic = load_lanes(batch.quadratic + first);
-  store(result.energy + first,
-        quadratic * product(strain, strain) + 2.0 * product(linear, strain) + load_lanes(batch.constant + first));
+  for (std::size_t k = 0; k < 6; ++k) {
+    const Lanes half = quadratic * strain[k] + linear[k];
+    secant[k] = half + linear[k];
+    stress[k] = 2.0 * half;
+  }
+  store(result.energy + first, product(secant, strain) + load_lanes(batch.constant + first));
   if constexpr (!kGradient && !kHessian) return;
 
-  Lanes stress[6];  // V times the second Piola-Kirchhoff stress
-  for (std::size_t k = 0; k < 6; ++k) stress[k] = 2.0 * (quadratic * strain[k] + linear[k]);
   const auto stressed = [&](const Lanes3& b) -> Lanes3 {
     return {stress[0] * b.x + stress[5] * b.y + stress[4] * b.z, stress[5] * b.x + stress[1] * b.y + stress[3] * b.z,
             stress[4] * b.x + stress[3] * b.y + stress[2] * b.z};
@@ -69,16 +75,20 @@ SOFTHAND_INLINE void evaluate_lanes(const RelaxationBatch& batch, std::size_t fi
   });
 }
 
+SOFTHAND_INLINE void prefetch_values(const RelaxationBatch& next) {
+  prefetch(next.quadratic);
+  prefetch(next.linear);
+  prefetch(next.constant);
+}
+
 double relaxation_energy(const RelaxationBatch* batches, std::size_t count, const double* positions,
                          const ElementOutput& output) {
   return evaluate_batches(
-      batches, count, output, [&](const auto& kind, const RelaxationBatch& batch, std::size_t first, auto& result) {
+      batches, count, output, [](const RelaxationBatch& next) { prefetch_values(next); },
+      [&](const auto& kind, const RelaxationBatch& batch, std::size_t first, auto& result) {
         evaluate_lanes<kind.gradient, kind.hessian>(batch, first, positions, output.projected, result);
       });
 }
-
-// How often a component counts in a : b of symmetric tensors.
-constexpr double kTwice[6] = {1, 1, 1, 2, 2, 2};
 
 SOFTHAND_INLINE void strain_of(const RelaxationBatch& batch, std::size_t first, const double* positions,
                                Lanes (&strain)[6]) {
@@ -87,63 +97,84 @@ SOFTHAND_INLINE void strain_of(const RelaxationBatch& batch, std::size_t first, 
   green_strain(f, strain);
 }
 
-// The sum over the branches of V mu w/g |e^-a h + g (E - E_0)|^2 is K E:E + 2 M:E + C.
-void relaxation_begin(RelaxationBatch& batch, const double* springs, const double* positions,
+// The sum over the branches of V mu w/g |e^-a h + g (E - E_0)|^2 is K E:E + 2 M:E + C. Returns what the springs store
+// at the step's start.
+SOFTHAND_INLINE Lanes begin_lanes(RelaxationBatch& batch, std::size_t first, const double* springs,
+                                  const Lanes (&start)[6], const RelaxationDecay (&decay)[kRelaxationBranches]) {
+  Lanes quadratic = splat(0), constant = splat(0), stored = splat(0), relaxed[6];  // of V mu w e^-a h
+  for (std::size_t k = 0; k < 6; ++k) relaxed[k] = splat(0);
+  for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
+    const RelaxationDecay& d = decay[i];
+    const Lanes stiffness = load_lanes(batch.stiffness[i] + first), kept = d.kept * stiffness;
+    Lanes h[6];
+    load_tensor(springs + 6 * i * kElementBatch + first, h);
+    const Lanes energy = stiffness * product(h, h);
+    stored = stored + energy;
+    constant = constant + (d.kept * d.kept / d.taken) * energy;
+    quadratic = quadratic + d.taken * stiffness;
+    for (std::size_t k = 0; k < 6; ++k) relaxed[k] = relaxed[k] + kept * h[k];
+  }
+  Lanes both[6];
+  for (std::size_t k = 0; k < 6; ++k) {
+    const Lanes linear = relaxed[k] - quadratic * start[k];
+    both[k] = linear + relaxed[k];
+    store(batch.linear[k] + first, linear);
+    store(batch.start[k] + first, start[k]);
+  }
+  store(batch.quadratic + first, quadratic);
+  store(batch.constant + first, constant - product(both, start));
+  return stored;
+}
+
+void relaxation_begin(RelaxationBatch* batches, std::size_t count, const double* springs, const double* positions,
                       const RelaxationDecay (&decay)[kRelaxationBranches]) {
-  for (std::size_t first = 0; first < kElementBatch; first += kLanes) {
-    Lanes strain[6];
-    strain_of(batch, first, positions, strain);
-    Lanes quadratic = splat(0), constant = splat(0);
-    for (std::size_t i = 0; i < kRelaxationBranches; ++i)
-      quadratic = quadratic + decay[i].taken * load_lanes(batch.stiffness[i] + first);
-    for (std::size_t k = 0; k < 6; ++k) {
-      Lanes sum = splat(0);  // of V mu w e^-a h
-      for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
-        const Lanes h = load_lanes(springs + (6 * i + k) * kElementBatch + first);
-        const Lanes stress = decay[i].kept * load_lanes(batch.stiffness[i] + first) * h;
-        sum = sum + stress;
-        constant = constant + (kTwice[k] * decay[i].kept / decay[i].taken) * stress * h;
-      }
-      constant = constant + kTwice[k] * (quadratic * strain[k] - 2.0 * sum) * strain[k];
-      store(batch.linear[k] + first, sum - quadratic * strain[k]);
-      store(batch.start[k] + first, strain[k]);
+  for (std::size_t b = 0; b < count; ++b, springs += kSpringBatch) {
+    for (std::size_t first = 0; first < kElementBatch; first += kLanes) {
+      Lanes strain[6];
+      strain_of(batches[b], first, positions, strain);
+      begin_lanes(batches[b], first, springs, strain, decay);
     }
-    store(batch.quadratic + first, quadratic);
-    store(batch.constant + first, constant);
   }
 }
 
-// Within the step, h = steady + (h_0 - steady) e^(-t/tau). The damper's power is 2 mu w |h|^2 / tau.
-void relaxation_end(const RelaxationBatch& batch, double* springs, const double* positions,
+SOFTHAND_INLINE void end_lanes(RelaxationBatch& batch, std::size_t first, double* springs, const double* positions,
+                               const RelaxationDecay (&decay)[kRelaxationBranches], double* stored, double* heat) {
+  Lanes strain[6], start[6], change[6], all_heat = splat(0);
+  strain_of(batch, first, positions, strain);
+  load_tensor(batch.start[0] + first, start);
+  for (std::size_t k = 0; k < 6; ++k) change[k] = strain[k] - start[k];
+  const Lanes changes = product(change, change);
+  for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
+    const RelaxationDecay& d = decay[i];
+    double* spring = springs + 6 * i * kElementBatch + first;
+    Lanes h[6];
+    load_tensor(spring, h);
+    all_heat = all_heat + load_lanes(batch.stiffness[i] + first) *
+                              (d.heat[0] * product(h, h) + d.heat[1] * product(h, change) + d.heat[2] * changes);
+    for (std::size_t k = 0; k < 6; ++k) store(spring + k * kElementBatch, d.kept * h[k] + d.taken * change[k]);
+  }
+  store(heat + first, all_heat);
+  store(stored + first, begin_lanes(batch, first, springs, strain, decay));
+}
+
+void relaxation_end(RelaxationBatch* batches, std::size_t count, double* springs, const double* positions,
                     const RelaxationDecay (&decay)[kRelaxationBranches], double& stored, double& heat) {
   alignas(64) double stored_of[kElementBatch], heat_of[kElementBatch];
-  for (std::size_t first = 0; first < kElementBatch; first += kLanes) {
-    Lanes strain[6];
-    strain_of(batch, first, positions, strain);
-    Lanes all_stored = splat(0), all_heat = splat(0);
-    for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
-      const RelaxationDecay d = decay[i];
-      Lanes squares = splat(0), power = splat(0);
-      for (std::size_t k = 0; k < 6; ++k) {
-        double* place = springs + (6 * i + k) * kElementBatch + first;
-        const Lanes h = load_lanes(place), change = strain[k] - load_lanes(batch.start[k] + first);
-        const Lanes steady = (1 / d.duration) * change, decaying = h - steady;
-        power =
-            power + (2 * kTwice[k]) * (d.duration * steady * steady + (2 * d.duration * d.taken) * steady * decaying +
-                                       (0.5 * (1 - d.kept * d.kept)) * decaying * decaying);
-        const Lanes moved = d.kept * h + d.taken * change;
-        squares = squares + kTwice[k] * moved * moved;
-        store(place, moved);
-      }
-      const Lanes stiffness = load_lanes(batch.stiffness[i] + first);
-      all_stored = all_stored + stiffness * squares;
-      all_heat = all_heat + stiffness * power;
+  for (std::size_t b = 0; b < count; ++b, springs += kSpringBatch) {
+    if (b + 1 < count) {
+      const RelaxationBatch& next = batches[b + 1];
+      prefetch(next.shape);
+      prefetch(next.node);
+      prefetch(next.stiffness);
+      prefetch_values(next);
+      prefetch(next.start);
+      prefetch(*reinterpret_cast<const double(*)[kSpringBatch]>(springs + kSpringBatch));
     }
-    store(stored_of + first, all_stored);
-    store(heat_of + first, all_heat);
+    for (std::size_t first = 0; first < kElementBatch; first += kLanes)
+      end_lanes(batches[b], first, springs, positions, decay, stored_of, heat_of);
+    // In the order of the elements, so the sums do not depend on the width of the vectors.
+    for (std::size_t lane = 0; lane < kElementBatch; ++lane) stored += stored_of[lane], heat += heat_of[lane];
   }
-  // In the order of the elements, so the sums do not depend on the width of the vectors.
-  for (std::size_t lane = 0; lane < kElementBatch; ++lane) stored += stored_of[lane], heat += heat_of[lane];
 }
 
 }  // namespace

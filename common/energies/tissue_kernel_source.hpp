@@ -312,10 +312,21 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
   });
 }
 
+SOFTHAND_INLINE void prefetch_values(const TissueBatch& next) {
+  prefetch(next.volume);
+  prefetch(next.mu);
+  prefetch(next.lambda);
+  prefetch(next.limit_energy);
+  prefetch(next.limit_stiffness);
+  prefetch(next.limit_ramp);
+  prefetch(next.ramp_rate);
+}
+
 double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
                      const ElementOutput& output) {
   return evaluate_batches(
-      batches, count, output, [&](const auto& kind, const TissueBatch& batch, std::size_t first, auto& result) {
+      batches, count, output, [](const TissueBatch& next) { prefetch_values(next); },
+      [&](const auto& kind, const TissueBatch& batch, std::size_t first, auto& result) {
         evaluate_lanes<kind.gradient, kind.hessian>(batch, first, positions, output.projected, result);
       });
 }

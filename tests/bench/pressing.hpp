@@ -19,6 +19,9 @@ namespace softhand::bench {
 /// touch.
 class Pressing {
  public:
+  /// The hand sways up and down in this many steps.
+  static constexpr int kStepsPerSway = 90;
+
   /// `clearance`: distance from the hand's highest node up to the untouched balls, m. `slots`: for movable objects.
   Pressing(int touched, int untouched, double clearance = 0.02, const std::string& hand_file = "right_1450.hand.json",
            HandOptions options = {}, int slots = 8)
@@ -92,6 +95,7 @@ class Pressing {
       count += simulation().slot_mode(slot) != SlotMode::empty;
     return count;
   }
+  int iterations() const { return output_->report.iterations; }
   double contact_seconds() const { return output_->report.timing.begin + output_->report.timing.end; }
 
  private:

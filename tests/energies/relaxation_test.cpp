@@ -185,6 +185,30 @@ TEST(Relaxation, MemoryRepeatsTheBits) {
   testing::check_memory(relaxation, state, [&](State& s) { step.step(s, kTimeStep); });
 }
 
+// The end of a step prepares the next one. A next step that is another one than expected begins anew.
+TEST(Relaxation, EachStepHasItsOwnStartAndDuration) {
+  const HandModel hand = two_tetrahedra();
+  RelaxationEnergy term(hand, kTimes, {kWeights, kWeights});
+  const State rest = at_rest(hand);
+  State state = rest;
+  step_to(term, state, testing::perturbed(rest, 1, 1e-3, 1));
+  const State moved = testing::perturbed(state, 2, 1e-3, 1), end = testing::perturbed(state, 3, 1e-3, 1);
+  const auto expect_that_of_a_new_term = [&](const State& start, double time_step) {
+    RelaxationEnergy other(hand, kTimes, {kWeights, kWeights});
+    other.load(term.save());
+    other.begin_step(start, time_step);
+    term.begin_step(start, time_step);
+    EXPECT_EQ(term.value(end), other.value(end));
+    return term.value(end);
+  };
+  const double usual = expect_that_of_a_new_term(state, kTimeStep);
+  EXPECT_NE(expect_that_of_a_new_term(moved, kTimeStep), usual);
+  EXPECT_NE(expect_that_of_a_new_term(state, 0.5 * kTimeStep), usual);
+  EXPECT_EQ(expect_that_of_a_new_term(state, kTimeStep), usual);
+  term.reset();
+  EXPECT_NE(expect_that_of_a_new_term(state, kTimeStep), usual);
+}
+
 TEST(Relaxation, LeavesOutMaterialsWithoutWeight) {
   const HandModel hand = two_tetrahedra();
   EXPECT_EQ(RelaxationEnergy(hand, kTimes, {kWeights, {0, 0, 0}}).element_count(), 1);
