@@ -33,8 +33,8 @@ class SimulatedClock {
   Nanoseconds when(Nanoseconds simulated) const;
   /// Simulated seconds per real second at real time `real`.
   double pace(Nanoseconds real) const;
-  /// Real time at which the clock stops, by the command that is in effect at `real`. kNever if it does not run then, or
-  /// runs without an end.
+  /// Real time at which the clock stops, by the command that is in effect at `real`. It is kNever if the clock does not
+  /// run then, or runs without an end.
   Nanoseconds halt(Nanoseconds real) const;
 
   /// All commands on one line. A process that starts later reads them with `from_text`.

@@ -26,7 +26,8 @@ PARTS = {"solver": 0, "world": 1000, "devices": 3600}  # offset of each host's c
 MEASURING = 500  # of the host's process that measures, s
 DROP, DELAY = 0.05, 0.05
 # The motion takes 12.2 s and is repeated. The weight is that of the first grip; the cable is cut in the second one.
-STATUS_AT, CUT_AT, CUT_FOR, SECONDS = 8, 17, 2, 30  # s after the start of the motion; SECONDS: after that of the part
+STATUS_AT, CUT_AT, CUT_FOR = 8, 17, 2  # s after the start of the motion
+SECONDS = 30  # of the part with the devices
 
 
 def skip(reason):
