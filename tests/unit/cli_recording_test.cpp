@@ -38,7 +38,7 @@ BoneWrench wrench(int i, Nanoseconds time) {
   w.hand = {2, 0};
   w.stamp.sequence = static_cast<std::uint64_t>(i + 1);
   w.stamp.epoch = 77;
-  w.stamp.clock_id = 5;
+  w.stamp.clock_id = 0;  // stands for the clock of the reader
   w.stamp.sample_time = time - 3'000'000;
   w.stamp.publish_time = time;
   w.stamp.chain.tracker_sample = time - 20'000'000;
