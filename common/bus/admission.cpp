@@ -1,8 +1,8 @@
 #include "bus/admission.hpp"
 
 #include <array>
-#include <random>
 #include <span>
+#include <string>
 
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -92,26 +92,19 @@ AdmissionFilter::Admitted* AdmissionFilter::place_of(const KeyHash& key, std::ui
   return place;
 }
 
-// Other participants would use a filter of a name that they know already when they send.
-AdmissionFilters::AdmissionFilters() : name_("softhand-filter-" + std::to_string(std::random_device()())) {}
-
 dds::ContentFilteredTopic* AdmissionFilters::topic(dds::DomainParticipant& participant, dds::Topic* topic,
                                                    AdmissionFilter& filter) {
   const std::lock_guard lock(mutex_);
   requested_ = &filter;
-  requesting_thread_ = std::this_thread::get_id();
-  auto* filtered = participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic,
-                                                           "filter", {}, name());
-  requesting_thread_ = std::thread::id();
-  return filtered;
+  return participant.create_contentfilteredtopic(topic->get_name() + "#" + std::to_string(++count_), topic, "filter",
+                                                 {}, kName);
 }
 
 AdmissionFilters::ReturnCode_t AdmissionFilters::create_content_filter(const char*, const char*,
                                                                        const dds::TopicDataType*, const char*,
                                                                        const ParameterSeq&,
                                                                        dds::IContentFilter*& filter) {
-  filter = requesting_thread_.load() == std::this_thread::get_id() ? static_cast<dds::IContentFilter*>(requested_)
-                                                                   : &everything_;
+  filter = requested_;
   return ReturnCode_t::RETCODE_OK;
 }
 

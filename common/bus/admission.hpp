@@ -9,9 +9,7 @@
 #include <fastdds/dds/topic/IContentFilterFactory.hpp>
 #include <mutex>
 #include <optional>
-#include <string>
 #include <string_view>
-#include <thread>
 #include <vector>
 
 #include "bus/bus.hpp"
@@ -78,13 +76,11 @@ class AdmissionFilter final : public eprosima::fastdds::dds::IContentFilter {
 /// Makes the filters of a participant known to Fast DDS.
 class AdmissionFilters final : public eprosima::fastdds::dds::IContentFilterFactory {
  public:
-  /// Other participants would use a filter of a name that they know already when they send.
-  AdmissionFilters();
-  const char* name() const { return name_.c_str(); }
+  static constexpr const char* kName = "softhand-filter";
 
   eprosima::fastdds::dds::ContentFilteredTopic* topic(eprosima::fastdds::dds::DomainParticipant& participant,
                                                       eprosima::fastdds::dds::Topic* topic, AdmissionFilter& filter);
-  /// A writer of the same participant asks for a filter, too. It sends everything.
+  /// Called by `topic`. Writers do not apply the filters of readers (qos.cpp).
   ReturnCode_t create_content_filter(const char*, const char*, const eprosima::fastdds::dds::TopicDataType*,
                                      const char*, const ParameterSeq&,
                                      eprosima::fastdds::dds::IContentFilter*& filter) override;
@@ -93,15 +89,9 @@ class AdmissionFilters final : public eprosima::fastdds::dds::IContentFilterFact
   }
 
  private:
-  struct Everything final : eprosima::fastdds::dds::IContentFilter {
-    bool evaluate(const SerializedPayload&, const FilterSampleInfo&, const GUID_t&) const override { return true; }
-  };
-  std::string name_;
   std::mutex mutex_;
   AdmissionFilter* requested_ = nullptr;
-  std::atomic<std::thread::id> requesting_thread_{};
   std::uint64_t count_ = 0;
-  Everything everything_;
 };
 
 #pragma GCC diagnostic pop

@@ -117,7 +117,7 @@ class ParticipantImpl final : public dds::DomainParticipantListener {
                 ? " (is the interface up?)"
                 : " as " + role + " (is the interface up, and are the files in " + network.security + " valid?)"));
     }
-    participant_->register_content_filter_factory(filters_.name(), &filters_);
+    participant_->register_content_filter_factory(AdmissionFilters::kName, &filters_);
     publisher_ = participant_->create_publisher(dds::PUBLISHER_QOS_DEFAULT);
     subscriber_ = participant_->create_subscriber(dds::SUBSCRIBER_QOS_DEFAULT);
     if (publisher_ == nullptr || subscriber_ == nullptr) {

@@ -1,6 +1,6 @@
 // What kernels of tetrahedra share: gathering positions, scattering forces and blocks. Kernels are compiled once per
-// instruction set (math/lanes.hpp), so everything has internal linkage, and nothing of the standard library or Eigen is
-// instantiated here.
+// instruction set (math/lanes.hpp). So everything has internal linkage, and this file instantiates nothing of the
+// standard library or Eigen.
 #pragma once
 
 #include "energies/element_batch.hpp"

@@ -277,14 +277,18 @@ class SlowedRig {
   std::jthread thread_{[this](const std::stop_token& stop) { write(stop); }};
 };
 
-TEST(Service, TakesOverTheClockOfTheModulesThatRun) {
-  testing::use_own_domain();
-  const SlowedRig rig;
+ServiceArguments latecomer() {
   ServiceArguments arguments;
   arguments.role = "client";
   arguments.module = "latecomer";
+  return arguments;
+}
+
+TEST(Service, TakesOverTheClockOfTheModulesThatRun) {
+  testing::use_own_domain();
+  const SlowedRig rig;
   for (const Pacing pacing : {Pacing::simulated, Pacing::real}) {
-    const Service service(arguments, 100, pacing, Urgency::ordinary);
+    const Service service(latecomer(), 100, pacing, Urgency::ordinary);
     const Nanoseconds at = now();
     EXPECT_EQ(at - service.clock().at(at), 2'500'000'000);
   }
@@ -293,13 +297,10 @@ TEST(Service, TakesOverTheClockOfTheModulesThatRun) {
 TEST(Service, NamesAModuleWhoseSimulatedClockDiffers) {
   testing::use_own_domain();
   const SlowedRig rig;
-  ServiceArguments arguments;
-  arguments.role = "client";
-  arguments.module = "latecomer";
   ::testing::internal::CaptureStderr();
   setenv(kClockVariable, SimulatedClock().text().c_str(), 1);  // so it does not take over the other clock
   {
-    Service service(arguments, 100, Pacing::simulated, Urgency::ordinary);
+    Service service(latecomer(), 100, Pacing::simulated, Urgency::ordinary);
     int steps = 0;
     service.run({.step =
                      [&](Nanoseconds) {
