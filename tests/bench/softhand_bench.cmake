@@ -3,6 +3,7 @@ find_package(fmt REQUIRED)
 find_package(nlohmann_json 3.11 REQUIRED)
 find_package(BLAS REQUIRED)
 softhand_program(softhand-bench ${CMAKE_CURRENT_LIST_DIR}/softhand_bench.cpp
+                 ${CMAKE_CURRENT_LIST_DIR}/pressing_costs.cpp ${CMAKE_CURRENT_LIST_DIR}/service_cost.cpp
                  LINK softhand_error_runtime softhand_report softhand_virtual_rig softhand_bus softhand_cholmod_solver
                  CLI11::CLI11 fmt::fmt nlohmann_json::nlohmann_json ${BLAS_LIBRARIES})
 target_include_directories(softhand-bench PRIVATE ${PROJECT_SOURCE_DIR}/tests)

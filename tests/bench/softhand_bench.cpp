@@ -4,30 +4,23 @@
 // It is a separate program because it links CHOLMOD's supernodal module (GPL) for comparison. `softhand` and the
 // services do not link this module. Times are the thread's own CPU time, so other load on the machine has little
 // effect. Compare only ratios nevertheless. Compared programs take turns in the same run.
-#include <fcntl.h>
 #include <fmt/format.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <array>
-#include <cerrno>
 #include <chrono>
 #include <cmath>
-#include <csignal>
-#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <limits>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <thread>
 
 #include "bench/factor_turns.hpp"
-#include "bench/pressing.hpp"
+#include "bench/pressing_costs.hpp"
+#include "bench/service_cost.hpp"
 #include "bench/tissue_sample.hpp"
-#include "bus/bus.hpp"
 #include "cli/virtual_rig.hpp"
 #include "energies/tissue.hpp"
 #include "error_runtime/peer.hpp"
@@ -37,7 +30,6 @@
 #include "report/report.hpp"
 #include "solver/cholmod_solver.hpp"
 #include "support/count_allocations.hpp"
-#include "support/own_domain.hpp"
 #include "support/scalar_tissue.hpp"
 #include "trackers/replay/replay_tracker.hpp"
 
@@ -279,96 +271,6 @@ double step_over_cholmod(const std::string& scene_file, const Size& size, double
   return median(steps) / std::min(median(cholmod[0]), median(cholmod[1]));
 }
 
-struct PressingCost {
-  double step = 0, contact = 0;  ///< s, medians
-  int touched = 0, contacts = 0;
-};
-// Measures several hands in turns, so that other load affects all of them alike.
-std::vector<PressingCost> measure_pressing(const std::vector<std::pair<int, int>>& objects, int steps) {
-  std::vector<std::unique_ptr<Pressing>> hands;
-  for (const auto& [touched, untouched] : objects) hands.push_back(std::make_unique<Pressing>(touched, untouched));
-  std::vector<std::vector<double>> times(hands.size()), contact(hands.size());
-  for (const auto& hand : hands) hand->settle();
-  for (int i = 0; i < steps; ++i) {
-    for (std::size_t k = 0; k < hands.size(); ++k) {
-      times[k].push_back(hands[k]->step([](auto&& work) { return seconds_of(work); }));
-      contact[k].push_back(hands[k]->contact_seconds());
-    }
-  }
-  std::vector<PressingCost> costs;
-  for (std::size_t k = 0; k < hands.size(); ++k)
-    costs.push_back({median(times[k]), median(contact[k]), hands[k]->touched_objects(), hands[k]->contacts()});
-  return costs;
-}
-
-// Median step of the first hand over that of the second. The two take turns.
-double cost_ratio(std::array<Pressing, 2>& hands) {
-  constexpr int kSteps = 120;
-  std::array<std::vector<double>, 2> times;
-  for (Pressing& hand : hands) hand.settle();
-  for (int i = 0; i < kSteps; ++i) {
-    for (std::size_t k = 0; k < hands.size(); ++k)
-      times[k].push_back(hands[k].step([](auto&& work) { return seconds_of(work); }));
-  }
-  return median(times[0]) / median(times[1]);
-}
-
-// Of a hand with 17 objects in slots, of which it touches one, over a hand with this one alone.
-double slot_cost_ratio() {
-  constexpr int kIdle = 16;
-  HandOptions fast;
-  fast.simulation.solver.max_iterations = 1;
-  fast.near_distance = 0.3;
-  std::array<Pressing, 2> hands{Pressing(1, kIdle, 0.02, hand_name(1450), fast, kIdle + 1),
-                                Pressing(1, 0, 0.02, hand_name(1450), fast, 1)};
-  const double ratio = cost_ratio(hands);
-  const bool valid = hands[0].mirrored_objects() == kIdle + 1 && hands[0].touched_objects() == 1;
-  return valid ? ratio : std::nan("");
-}
-
-struct RelaxationCost {
-  double seconds = 0, iterations = 0;
-};
-// Of a hand whose tissue relaxes over a hand whose tissue does not. Both are means over whole sways, because the
-// iterations of a step depend on the phase of the sway and differ from sway to sway.
-RelaxationCost relaxation_cost_ratio(HandOptions options) {
-  constexpr int kSways = 20;
-  HandOptions relaxing = options;
-  relaxing.simulation.relaxation.active = true;
-  std::array<Pressing, 2> hands{Pressing(1, 0, 0.02, hand_name(1450), relaxing, 1),
-                                Pressing(1, 0, 0.02, hand_name(1450), options, 1)};
-  std::array<RelaxationCost, 2> sums;
-  for (Pressing& hand : hands) hand.settle();
-  for (int i = 0; i < kSways * Pressing::kStepsPerSway; ++i) {
-    for (std::size_t k = 0; k < hands.size(); ++k) {
-      sums[k].seconds += hands[k].step([](auto&& work) { return seconds_of(work); });
-      sums[k].iterations += hands[k].iterations();
-    }
-  }
-  return {sums[0].seconds / sums[1].seconds, sums[0].iterations / sums[1].iterations};
-}
-
-// Seconds of a step of all hands by the number of hands. Each hand has a loop of its own, as its service has.
-std::vector<std::pair<double, double>> by_hands() {
-  constexpr int kSteps = 20;
-  std::vector<std::unique_ptr<Pressing>> hands;
-  std::vector<std::pair<double, double>> seconds;
-  for (const std::size_t count : {1u, 2u, 4u, 8u}) {
-    while (hands.size() < count) {
-      hands.push_back(std::make_unique<Pressing>(5, 0));
-      hands.back()->settle();
-    }
-    std::vector<double> times;
-    for (int i = 0; i < kSteps; ++i) {
-      double all = 0;
-      for (const auto& hand : hands) all += hand->step([](auto&& work) { return seconds_of(work); });
-      times.push_back(all);
-    }
-    seconds.emplace_back(count, median(times));
-  }
-  return seconds;
-}
-
 // Work of the steps of a scene in default mode, in fast steps, from `from` to `to` seconds.
 std::vector<double> work_of_steps(const std::string& scene_name, const std::vector<std::string>& overrides, double from,
                                   double to) {
@@ -413,70 +315,6 @@ double allocations_per_step() {
 #else
   return std::nan("");
 #endif
-}
-
-// A service of this build as a child process. Its output is discarded. The process ends with this object.
-class Child {
- public:
-  explicit Child(const std::vector<std::string>& command) {
-    std::vector<char*> argv;
-    for (const std::string& word : command) argv.push_back(const_cast<char*>(word.c_str()));
-    argv.push_back(nullptr);
-    pid_ = fork();
-    if (pid_ < 0) throw std::runtime_error(std::string("cannot start a process: ") + std::strerror(errno));
-    if (pid_ == 0) {
-      const int null = open("/dev/null", O_RDWR);
-      dup2(null, STDOUT_FILENO);
-      dup2(null, STDERR_FILENO);
-      execv(argv[0], argv.data());
-      _exit(127);
-    }
-  }
-  ~Child() {
-    kill(pid_, SIGTERM);
-    waitpid(pid_, nullptr, 0);
-  }
-  Child(const Child&) = delete;
-  Child& operator=(const Child&) = delete;
-  /// Resident memory, MB. This includes memory that the service locks.
-  double megabytes() const {
-    std::ifstream status(fmt::format("/proc/{}/status", pid_));
-    for (std::string word; status >> word;) {
-      double kilobytes = 0;
-      if (word == "VmRSS:" && status >> kilobytes) return kilobytes / 1024;
-    }
-    return std::nan("");
-  }
-
- private:
-  pid_t pid_ = 0;
-};
-
-struct ServiceCost {
-  double start_seconds = std::nan("");  ///< from exec to the first simulated skeleton
-  double megabytes = std::nan("");
-};
-ServiceCost measure_service() {
-  testing::use_own_domain();
-  const std::string programs = fs::read_symlink("/proc/self/exe").parent_path().string();
-  const std::string scene = scene_path("pinch_lift.toml");
-  bus::Participant participant("bench");
-  bus::Reader simulated(participant, bus::topics::simulated_skeleton, HandKey{0, 1});
-  const Child tracker({programs + "/softhand-tracker-replay", "--config", scene, "--module", "tracker"});
-  bus::Reader tracked(participant, bus::topics::tracked_skeleton, HandKey{0, 1});
-  Skeleton skeleton;
-  ServiceCost cost;
-  if (!tracked.wait(std::chrono::seconds(10))) return cost;
-  const auto started = std::chrono::steady_clock::now();
-  const Child hand({programs + "/softhand-hand", "--config", scene, "--module", "hand", "--set", "hand.direct=true"});
-  const auto seconds = [&started] {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
-  };
-  while (!simulated.take_latest(skeleton) && seconds() < 20) simulated.wait(std::chrono::milliseconds(100));
-  if (seconds() < 20) cost.start_seconds = seconds();
-  std::this_thread::sleep_for(std::chrono::seconds(2));
-  cost.megabytes = hand.megabytes();
-  return cost;
 }
 
 /// Cost of a world's step after its hundred boxes on a table have come to rest, over the cost of a step while they
@@ -680,7 +518,7 @@ Json run() {
       "1 to 8 hands that touch 5 objects each, one hand after another on a core");
 
   fmt::print("the hand's service\n");
-  const ServiceCost service = measure_service();
+  const ServiceCost service = measure_service(scene_path("pinch_lift.toml"));
   put("start_to_first_hand_seconds", service.start_seconds,
       "from exec to the first simulated skeleton, wall-clock time");
   put("hand_service_megabytes", service.megabytes, "resident, 1,450 nodes");
