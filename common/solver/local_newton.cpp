@@ -209,14 +209,16 @@ void LocalNewton::solve(Eigen::Ref<VectorX> step) const {
 }
 
 LocalNewton::Result LocalNewton::minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature,
-                                          const VectorX& gradient, BlockMatrix& hessian, int most_modes,
-                                          double most_operations, LinearSolver& factor, VectorX& direction) {
+                                          const VectorX& gradient, BlockMatrix& hessian, bool objects_only,
+                                          int most_modes, double most_operations, LinearSolver& factor,
+                                          VectorX& direction) {
   Result result;
   blocks_.start(state);
   // Blocks of both states are needed: a contact may act at only one of them.
   blocks_.add_journal(hessian);
   MovingBlocks::renew_kinked(kinked, state, curvature, hessian);
   blocks_.add_journal(hessian);
+  if (objects_only) blocks_.keep_from(hessian.core_count());
   if (blocks_.size() == 0 || blocks_.size() > kMaxBlocks) return result;
   order_blocks(hessian);
   if (expected_operations() > kMostOperations * most_operations) return result;

@@ -33,15 +33,15 @@ class LocalNewton {
     double operations = 0;  ///< floating-point operations of the factors
     int modes = 0;          ///< number of modes; each needs a solve with `factor`
   };
-  /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. `gradient`: of all terms at `state`.
-  /// `hessian`: of all terms at a nearby state, with the part of `kinked` in its journal. This part is lost.
-  /// `direction` is overwritten with an increment of `state`, 0 in the fixed blocks. It is unchanged if there are no
-  /// blocks, more than `kMaxBlocks`, or if one factorisation needs more than twice `most_operations`; then nothing is
-  /// found. `most_modes`: at most this many modes are used, and at most `kMaxModes`. No iteration begins after
-  /// `most_operations` floating-point operations. `factor`: of a nearby Hessian; it solves for the modes. Does not
-  /// allocate.
+  /// Minimises over the blocks that `kinked` adds to `hessian`, from `state`. With `objects_only` only those in the
+  /// border of `hessian` move, the rigid objects. `gradient`: of all terms at `state`. `hessian`: of all terms at a
+  /// nearby state, with the part of `kinked` in its journal. This part is lost. `direction` is overwritten with an
+  /// increment of `state`, 0 in the fixed blocks. It is unchanged if there are no blocks, more than `kMaxBlocks`, or if
+  /// one factorisation needs more than twice `most_operations`; then nothing is found. `most_modes`: at most this many
+  /// modes are used, and at most `kMaxModes`. No iteration begins after `most_operations` floating-point operations.
+  /// `factor`: of a nearby Hessian; it solves for the modes. Does not allocate.
   Result minimise(const State& state, std::span<Energy* const> kinked, Curvature curvature, const VectorX& gradient,
-                  BlockMatrix& hessian, int most_modes, double most_operations, LinearSolver& factor,
+                  BlockMatrix& hessian, bool objects_only, int most_modes, double most_operations, LinearSolver& factor,
                   VectorX& direction);
 
  private:

@@ -45,6 +45,14 @@ void MovingBlocks::add_journal(const BlockMatrix& hessian) {
   }
 }
 
+void MovingBlocks::keep_from(std::int32_t first) {
+  for (const std::int32_t block : blocks_) {
+    if (block < first) place_[static_cast<std::size_t>(block)] = -1;
+  }
+  std::erase_if(blocks_, [first](std::int32_t block) { return block < first; });
+  number(0);
+}
+
 void MovingBlocks::sort() {
   std::sort(blocks_.begin(), blocks_.end());
   number(0);

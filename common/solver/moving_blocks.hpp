@@ -27,6 +27,8 @@ class MovingBlocks {
   void insert(std::size_t place, std::int32_t block);
   /// Adds the rows and columns of the blocks in the journal.
   void add_journal(const BlockMatrix& hessian);
+  /// The blocks before `first` do not move any more.
+  void keep_from(std::int32_t first);
   void sort();
   /// `block_at(place)` gives each of these blocks a place.
   template <typename BlockAt>

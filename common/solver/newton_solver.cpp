@@ -340,30 +340,44 @@ bool NewtonSolver::revise(const State& state) {
   return changed;
 }
 
-// Moves the touched nodes and objects towards their equilibrium. The rest of the hand gives way along a few modes.
-// Energy, residual and gradient must be those of `state`. Returns false if a value is NaN or infinite.
-bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
+// Moves the touched nodes and objects towards their equilibrium, or only the rigid objects. The rest of the hand gives
+// way along a few modes. Energy, residual and gradient must be those of `state`. If nothing moves, the gradient may be
+// that of a trial.
+NewtonSolver::Moved NewtonSolver::move_touched(State& state, bool objects_only, StepMeter& meter) {
   const StepWork& prices = meter.prices;
-  for (int k = 0; k < kContactSolves; ++k) {
-    if (k > 0 && policy_.exceeds_overrun(meter.report)) break;
-    LocalNewton::Result result;
-    {
-      const auto timer = meter.time(&StepTiming::solve);
-      const double remaining = options_.work_budget - meter.report.work - prices.contact_blocks - prices.evaluation;
-      const int most_modes = remaining > 0 ? static_cast<int>(std::min(remaining / prices.solve, 100.0)) : 0;
-      const double most_operations = std::max(remaining, kContactWork) / prices.per_local_operation;
-      result = local_newton_.minimise(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
-                                      potential_.change_hessian(), most_modes, most_operations, factor_.linear_solver(),
-                                      direction_);
-    }
-    meter.report.work +=
-        prices.contact_blocks + prices.per_local_operation * result.operations + result.modes * prices.solve;
-    if (!result.found) break;
-    ++meter.report.contact_solves;
-    if (line_search_.search(potential_, linkage_, direction_, state, meter, {}) == 0) break;
-    if (revise(state) && !potential_.evaluate(state, meter, {})) return false;
+  LocalNewton::Result result;
+  {
+    const auto timer = meter.time(&StepTiming::solve);
+    const double remaining = options_.work_budget - meter.report.work - prices.contact_blocks - prices.evaluation;
+    const int most_modes =
+        remaining > 0 && !objects_only ? static_cast<int>(std::min(remaining / prices.solve, 100.0)) : 0;
+    const double most_operations = std::max(remaining, kContactWork) / prices.per_local_operation;
+    result = local_newton_.minimise(state, potential_.kinked(), potential_.curvature(), potential_.gradient(),
+                                    potential_.change_hessian(), objects_only, most_modes, most_operations,
+                                    factor_.linear_solver(), direction_);
   }
-  return true;
+  meter.report.work +=
+      prices.contact_blocks + prices.per_local_operation * result.operations + result.modes * prices.solve;
+  if (!result.found) return Moved::no;
+  ++meter.report.contact_solves;
+  if (line_search_.search(potential_, linkage_, direction_, state, meter, {}) == 0) return Moved::no;
+  if (revise(state) && !potential_.evaluate(state, meter, {})) return Moved::not_finite;
+  return Moved::yes;
+}
+
+// Solves contact after a step that did not converge. Returns false if a value is NaN or infinite.
+bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
+  Moved moved = Moved::yes;
+  for (int k = 0; k < kContactSolves && moved == Moved::yes; ++k) {
+    if (k > 0 && policy_.exceeds_overrun(meter.report)) break;
+    moved = move_touched(state, false, meter);
+  }
+  // Far from the minimum the quadratic model of the tissue is wrong, and the line search stops objects with the tissue.
+  // But an object that stays in the skin is pressed with many times the force. The objects alone move without a model.
+  if (moved == Moved::not_finite || layout_.border_bodies == 0 || FactorPolicy::is_balanced(meter.report))
+    return moved != Moved::not_finite;
+  if (moved == Moved::no && !potential_.evaluate(state, meter, {})) return false;
+  return move_touched(state, true, meter) != Moved::not_finite;
 }
 
 // Returns the largest movement of a node or body in the last iteration's increment, relative to its tolerance. A

@@ -92,6 +92,8 @@ class NewtonSolver {
   bool minimise(State& state, double time_step, bool may_be_chord, bool has_guess, bool continues, StepMeter& meter);
   bool revise(const State& state);
   double largest_move(const State& state, bool condenses) const;
+  enum class Moved : std::uint8_t { yes, no, not_finite };
+  Moved move_touched(State& state, bool objects_only, StepMeter& meter);
   bool solve_contact(State& state, StepMeter& meter);
   bool find_direction(const State& state, bool condenses, StepMeter& meter);
 

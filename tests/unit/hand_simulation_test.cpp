@@ -212,14 +212,19 @@ struct Jump {
 };
 // The largest force on a cube 5 mm below the hand, in N, after the targets have jumped.
 double force_of(const Jump& jump, const HandModel& model) {
+  constexpr double kHalfWidth = 0.02;  // m, of the cube
+  const Vector3 below(0, 0, -0.1);     // m, the middle of the palm
   double low = 0;
-  for (const Vector3& node : model.nodes) low = std::min(low, node.y());
-  const ShapeGeometry cube(cube_shape(0.02));
+  for (const Vector3& node : model.nodes) {
+    const Vector3 aside = (node - below).cwiseAbs();
+    if (aside.x() < kHalfWidth && aside.z() < kHalfWidth) low = std::min(low, node.y());
+  }
+  const ShapeGeometry cube(cube_shape(kHalfWidth));
   SimulationOptions with_budget;
   with_budget.solver.work_budget = jump.work_budget;
   HandSimulation simulation(model, with_budget, 1, 0);
   simulation.set_slot(0, {1, &cube, 0.03, 8e-6 * Matrix3::Identity(), 0.8});
-  simulation.set_slot_motion(0, {Vector3(0, low - 0.025, -0.1), Quaternion::Identity()}, {});
+  simulation.set_slot_motion(0, {below + Vector3(0, low - kHalfWidth - 0.005, 0), Quaternion::Identity()}, {});
   if (jump.cube_is_free) simulation.make_dynamic(0, Vector3::Zero());
   const Pose after{Vector3(0, -jump.way, 0), Quaternion(Eigen::AngleAxisd(-jump.turn, Vector3::UnitX()))};
   double force = 0;
@@ -233,16 +238,20 @@ double force_of(const Jump& jump, const HandModel& model) {
 
 // After late steps the targets are far ahead, and the velocities of a hand at rest predict no contact. The budget is
 // too small to find the contacts in the iterations. Before contacts were predicted from the targets, a free cube was
-// hit with 238 to 516 N. A fixed cube, which allows chord steps, was pressed with 175 to 3,100 N. Prints the table of
+// hit with 238 to 516 N. Before objects moved alone at the end of a step, it was hit with 2.6 times the force of an
+// unlimited step. A fixed cube, which allows chord steps, was pressed with 175 to 3,100 N. Prints the tables of
 // docs/performance.md.
 TEST(HandSimulation, AJumpOfTheTargetsUnderABudgetDoesNotHitAnObjectHard) {
   for (const int nodes : {400, 750, 1450}) {
     const HandModel model =
         load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_" + std::to_string(nodes) + ".hand.json");
-    for (const double way : {0.03, 0.04}) {
-      const double force = force_of({.way = way, .cube_is_free = true}, model);
+    for (const double way : {0.03, 0.04, 0.06}) {
+      const double force = force_of({.way = way, .cube_is_free = true}, model),
+                   unlimited = force_of({.way = way, .work_budget = 0, .cube_is_free = true}, model);
+      std::printf("%d nodes, a jump of %.0f mm onto a free cube: %.1f N, without a budget %.1f N\n", nodes, 1e3 * way,
+                  force, unlimited);
       EXPECT_GT(force, 0) << nodes << " nodes, " << way << " m";
-      EXPECT_LE(force, 30) << nodes << " nodes, " << way << " m";
+      EXPECT_LE(force, 1.5 * unlimited) << nodes << " nodes, " << way << " m";
     }
     for (const double way : {0.012, 0.02, 0.03, 0.04}) {
       for (const double turn : {0.0, 0.03}) {

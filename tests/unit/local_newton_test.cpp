@@ -24,8 +24,8 @@ struct Scene : testing::PushedChain {
     factor.analyze(hessian);
     factor.load(hessian);
     EXPECT_TRUE(factor.factorize());
-    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, most_modes, 1e9, factor,
-                           direction);
+    return solver.minimise(state, walls(), Curvature::projected, gradient_at(state), hessian, false, most_modes, 1e9,
+                           factor, direction);
   }
   BlockCholesky<double> factor;
   LocalNewton solver{DofLayout{4, 0}};
@@ -85,7 +85,8 @@ TEST(LocalNewton, FindsNothingWithoutContact) {
 }
 
 // Nodes in a row, each tied to the origin and pushed by a wall. Springs connect each node with the next `reach` nodes.
-LocalNewton::Result push_row(int count, int reach, double most_operations, VectorX& direction) {
+// With `objects`, the blocks of the last nodes are those of objects, and only they may move.
+LocalNewton::Result push_row(int count, int reach, double most_operations, VectorX& direction, int objects = 0) {
   std::vector<std::unique_ptr<Energy>> springs, walls;
   for (int n = 0; n < count; ++n) {
     springs.push_back(std::make_unique<Spring>(n, -1, 100));
@@ -95,7 +96,7 @@ LocalNewton::Result push_row(int count, int reach, double most_operations, Vecto
   }
   State state;
   state.node_positions = state.node_velocities = Eigen::Matrix3Xd::Zero(3, count);
-  BlockPattern pattern(count);
+  BlockPattern pattern(count, objects);
   for (const auto* terms : {&springs, &walls})
     for (const auto& term : *terms) term->add_pattern(pattern);
   BlockMatrix hessian(pattern);
@@ -117,7 +118,8 @@ LocalNewton::Result push_row(int count, int reach, double most_operations, Vecto
   LocalNewton solver(DofLayout{count, 0});
   BlockCholesky<double> factor;
   direction = VectorX::Zero(3 * count);
-  return solver.minimise(state, kinked, Curvature::projected, gradient, hessian, 0, most_operations, factor, direction);
+  return solver.minimise(state, kinked, Curvature::projected, gradient, hessian, objects > 0, 0, most_operations,
+                         factor, direction);
 }
 
 // A step of a power grasp that was cut off touches with 200 nodes. Before, more than 128 were refused.
@@ -126,6 +128,13 @@ TEST(LocalNewton, MovesAllTouchedNodesOfAPowerGrasp) {
   ASSERT_TRUE(push_row(200, 1, 1e6, direction).found);
   for (int n = 0; n < 200; ++n) EXPECT_NEAR(direction[3 * n], 1e4 * 0.01 / (1e4 + 100), 1e-9);
   EXPECT_FALSE(push_row(LocalNewton::kMaxBlocks + 1, 1, 1e6, direction).found);
+}
+
+TEST(LocalNewton, MovesOnlyObjectsOnRequest) {
+  VectorX direction;
+  ASSERT_TRUE(push_row(6, 0, 1e6, direction, 2).found);
+  EXPECT_EQ(direction.head(12).norm(), 0);
+  for (int n = 4; n < 6; ++n) EXPECT_NEAR(direction[3 * n], 1e4 * 0.01 / (1e4 + 100), 1e-9);
 }
 
 // The factor of nodes that are all coupled with each other costs more than the tissue.
