@@ -1,5 +1,6 @@
 #include "contact/candidates.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -9,6 +10,11 @@ namespace softhand {
 namespace {
 
 constexpr double kDeepest = 4e-3;  // m; a sharp point that starts deeper in the skin stays unseen
+// Directions in which a bone's skin may leave an object. Directions within 25 degrees of each other count as the same,
+// and directions that differ by more than 120 degrees as opposite.
+constexpr std::size_t kMostExits = 12;
+constexpr double kSameExit = 0.9, kOpposite = -0.5;
+constexpr double kShortestStep = 1e-4;  // m, of the search for a place outside
 
 // Groups of the points first ... last - 1.
 PointGroups groups_of(const ContactPoints& points, int first, int last) {
@@ -25,6 +31,8 @@ Candidates::Candidates(const ContactPoints& points, int slots)
       triangles_(groups_of(points, points.count(), points.size())),
       clearances_(static_cast<std::size_t>(slots) * static_cast<std::size_t>(points.count()), 0.0) {
   starts_ = velocities_ = ends_ = displacements_ = Eigen::Matrix3Xd::Zero(3, points.node_count());
+  met_.reserve(static_cast<std::size_t>(points.count()));
+  exits_.reserve(kMostExits);
 }
 
 void Candidates::begin_step(const State& state, double time_step) {
@@ -112,6 +120,58 @@ bool Candidates::predicted(const Collider& collider, int point, double margin, d
   candidate.normal = met->normal;
   candidate.predicted = true;
   return true;
+}
+
+// Each point knows the side where it is least far inside. A finger deep inside an object has points on both sides of
+// the object's middle. If each of them left on its own side, they would pull the finger apart and hold it inside.
+void Candidates::choose_exits(const ShapeGeometry& geometry) {
+  for (std::size_t first = 0, last = 0; first < met_.size(); first = last) {
+    const std::uint8_t bone = (*points_)[met_[first].point].body;
+    exits_.clear();
+    bool opposite = false;
+    for (; last < met_.size() && (*points_)[met_[last].point].body == bone; ++last) {
+      const Vector3& normal = met_[last].normal;
+      if (met_[last].recess <= 0 || exits_.size() == kMostExits) continue;
+      const auto has = [&](const auto& test) {
+        return std::any_of(exits_.begin(), exits_.end(), [&](const Vector3& exit) { return test(exit.dot(normal)); });
+      };
+      opposite = opposite || has([](double cosine) { return cosine < kOpposite; });
+      if (!has([](double cosine) { return cosine > kSameExit; })) exits_.push_back(normal);
+    }
+    if (opposite) choose_exit(geometry, std::span(met_).subspan(first, last - first));
+  }
+}
+
+// Takes the exit along which the last point leaves after the shortest way.
+void Candidates::choose_exit(const ShapeGeometry& geometry, std::span<ContactCandidate> of_bone) {
+  const double longest = 2 * geometry.bounding_radius();
+  const auto way_out = [&](const Vector3& place, const Vector3& direction) {
+    double way = 0;
+    while (way < longest) {
+      ++queries_;
+      const double distance = geometry.closest(place + way * direction).distance;
+      if (distance >= 0) return way;
+      way += std::max(-distance, kShortestStep);
+    }
+    return longest;
+  };
+  Vector3 best = Vector3::Zero();
+  double shortest = longest;
+  for (const Vector3& exit : exits_) {
+    double way = 0;
+    for (const ContactCandidate& candidate : of_bone) {
+      if (candidate.recess > 0 && way < shortest) way = std::max(way, way_out(candidate.place, exit));
+    }
+    if (way >= shortest) continue;
+    shortest = way;
+    best = exit;
+  }
+  if (shortest == longest) return;
+  for (ContactCandidate& candidate : of_bone) {
+    if (candidate.recess <= 0) continue;
+    candidate.recess = std::max(way_out(candidate.place, best), kShortestStep);
+    candidate.normal = best;
+  }
 }
 
 bool Candidates::crossed(const Collider& collider, int point, ContactCandidate& candidate) {

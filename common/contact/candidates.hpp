@@ -40,7 +40,8 @@ class Candidates {
   Vector3 predicted_end(int point) const { return start(point) + time_step_ * points_->at(point, velocities_); }
 
   /// Calls found(ContactCandidate) for the points that touch the collider of a slot at the step's start or will reach
-  /// it in the step. Points with taken(point) are left out.
+  /// it in the step. Points with taken(point) are left out. Points of a bone that start inside leave on the side where
+  /// they are least far inside. But if these are opposite sides, all of them leave in one direction.
   template <typename Taken, typename Found>
   void for_each_predicted(int slot, const Collider& collider, Taken&& taken, Found&& found) {
     const double margin =
@@ -48,11 +49,14 @@ class Candidates {
         (collider.jumped() ? collider.reach(collider.last_pose(), collider.start_pose(), groups_) : 0.0);
     const auto clearances = clearances_of(slot);
     std::fill(clearances.begin(), clearances.end(), 0.0);
+    met_.clear();
     groups_.for_each_near(*collider.geometry(), collider.start_pose(), margin, [&](std::int32_t point) {
       ContactCandidate candidate;
       if (!taken(point) && predicted(collider, point, margin, clearances[static_cast<std::size_t>(point)], candidate))
-        found(candidate);
+        met_.push_back(candidate);
     });
+    choose_exits(*collider.geometry());
+    for (const ContactCandidate& candidate : met_) found(candidate);
   }
   /// The same for the points that crossed the surface on their path from the step's start to the state of `set_ends`.
   template <typename Taken, typename Found>
@@ -101,13 +105,17 @@ class Candidates {
   }
   bool predicted(const Collider& collider, int point, double margin, double& clearance, ContactCandidate& candidate);
   bool crossed(const Collider& collider, int point, ContactCandidate& candidate);
+  void choose_exits(const ShapeGeometry& geometry);
+  void choose_exit(const ShapeGeometry& geometry, std::span<ContactCandidate> of_bone);
   void update_triangles();
   bool enters(const Collider& collider, const RestingPoint& sharp, bool predicted, ContactCandidate& candidate) const;
 
   const ContactPoints* points_;
   PointGroups groups_;
-  PointGroups triangles_;    // of the points of the triangles
-  double longest_path_ = 0;  // of a node between start and end, m
+  std::vector<ContactCandidate> met_;  // of a slot, in the order of the bones
+  std::vector<Vector3> exits_;         // scratch: normals at points of a bone that start inside
+  PointGroups triangles_;              // of the points of the triangles
+  double longest_path_ = 0;            // of a node between start and end, m
   bool triangles_are_old_ = true;
   Eigen::Matrix3Xd starts_, velocities_, ends_, displacements_;  // by node; the ends are predicted until `set_ends`
   std::vector<double> clearances_;  // by (slot, point): lower bound of the distance at the step's start, m; 0: unknown

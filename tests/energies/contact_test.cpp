@@ -288,6 +288,24 @@ TEST(Contact, NodeThatStartsInsideComesOutAtOneMetrePerSecond) {
   }
 }
 
+// Two nodes are nearest to opposite faces, 20 mm away. Before, each left by its own face. Had they been the skin of one
+// finger, they would have pulled it apart. The third node, 37 mm below the top, knows the exit that is nearest for all.
+TEST(Contact, NodesOfABoneThatStartInsideLeaveInOneDirection) {
+  const ShapeGeometry box(shape_of(ShapeKind::box, {0.04, 0.04, 0.04}));
+  ContactRig rig(1, 2000, 1e-3);
+  rig.contacts.set_object(0, &box, 0.5, 1, ContactObject::fixed);
+  rig.inertia.hold(0);
+  testing::DenseStepper stepper = rig.stepper();
+  const std::array<Vector3, 3> starts{Vector3(-0.02, 0, 0), Vector3(0.02, 0, 0), Vector3(0, 0.003, 0)};
+  for (int n = 0; n < 3; ++n) rig.state.node_positions.col(n) = starts[static_cast<std::size_t>(n)];
+  for (int i = 0; i < 20; ++i) stepper.step(rig.state, 1.0 / 90);
+  for (int n = 0; n < 3; ++n) {
+    const Vector3 end = rig.state.node_positions.col(n);
+    EXPECT_GT(end.y(), 0.04 - 1e-6) << n;
+    EXPECT_NEAR(end.x(), starts[static_cast<std::size_t>(n)].x(), 1e-3) << n;
+  }
+}
+
 TEST(Contact, PublishesForcesNormalsAndAreas) {
   NodesOnPlane scene(0.5);
   scene.gravity(0.2);

@@ -375,7 +375,7 @@ std::vector<Case> contact_cases() {
   rows->push_back({"1 g, 3 s", [] { return held_for(1e-3, 3); }, {}, true});
   cases.add("heavy_object", "the cube is pinched, and the hand pulls by 50 mm")
       .push_back({"1000 kg", [] { return with_cube({"objects.cube.mass=1000"}, false); }});
-  cases.add("deep_start", "the nodes leave the block at less than 1 m/s")
+  cases.add("deep_start", "the nodes leave the block, at less than 1 m/s")
       .push_back({"40 mm inside a block of 80 mm", [] { return deep_start(); }, {}, true});
   rows = &cases.add("fingers_interlocked_at_start", "the middle finger starts turned into the index finger: they part");
   for (const double degrees : {36.0, 40.0, 50.0, 60.0})

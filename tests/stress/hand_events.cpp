@@ -202,17 +202,25 @@ Findings run_touching(const Event& event, double least, const char* invariant, c
 
 Findings start_inside(const EventObject& object) {
   constexpr double kExit = 1;  // m/s
+  constexpr double kLeft = 2;  // mm; the finger is pulled back to its place and rests on the surface
   Event event;
   event.hand = one_finger(shipped_hand(), Finger::index);
   event.object = object;
   event.object.pose.position = pad_of(event.hand, Finger::index);
   event.overlapping = true;
   event.seconds = 2;
-  double fastest = 0;
+  const auto geometry = object.geometry ? object.geometry : std::make_shared<const ShapeGeometry>(object.shape);
+  double fastest = 0, deepest = 0;
   Findings findings = run(event, [&](const EventStep& now) {
-    fastest = std::max(fastest, now.simulation.state().node_velocities.colwise().norm().maxCoeff());
+    const State& state = now.simulation.state();
+    fastest = std::max(fastest, state.node_velocities.colwise().norm().maxCoeff());
+    deepest = 0;
+    for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n)
+      deepest = std::max(deepest,
+                         -geometry->signed_distance(to_local(event.object.pose, Vector3(state.node_positions.col(n)))));
   });
   findings.demand("exit", "fastest node", fastest, kExit, "m/s");
+  findings.demand("left", "deepest node at the end", 1e3 * deepest, kLeft, "mm");
   return findings;
 }
 

@@ -92,7 +92,7 @@ Findings run(const Event& event, const std::function<void(const EventStep&)>& af
 Findings run_touching(const Event& event, double least, const char* invariant = "touched",
                       const char* quantity = "force at the end");
 
-/// The index fingertip starts in the middle of an object, which is moved there and stays. The nodes must leave it at
+/// The index fingertip starts in the middle of an object, which is moved there and stays. The nodes must leave it, at
 /// less than 1 m/s.
 Findings start_inside(const EventObject& object);
 

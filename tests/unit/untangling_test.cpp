@@ -264,7 +264,7 @@ TEST(HandSimulation, SkinHookedBehindAPlateRecovers) {
     simulation.set_slot_motion(0, {pad - Vector3(0, 0.003, 0), Quaternion::Identity()}, {});
     State state = simulation.state();
     for (Eigen::Index n = 0; n < state.node_positions.cols(); ++n) {
-      if ((rest.col(n) - pad).norm() < 6e-3) state.node_positions(1, n) = pad.y() - 5.5e-3;
+      if ((rest.col(n) - pad).norm() < 6e-3) state.node_positions(1, n) = pad.y() - 8e-3;
     }
     simulation.restore(state);
     for (int i = 0; i < 90; ++i) simulation.step(kStep);
