@@ -71,8 +71,8 @@ class Candidates {
       if (!taken(point) && crossed(collider, point, candidate)) found(candidate);
     });
   }
-  /// Calls found(ContactCandidate) for the sharp points of the collider that enter the skin in the step: by the
-  /// predicted paths, or on the paths to the state of `set_ends`.
+  /// Calls found(ContactCandidate) for the sharp points of the collider that enter the skin in the step. `predicted`:
+  /// by the predicted paths. Otherwise on the paths to the state of `set_ends`.
   template <typename Found>
   void for_each_entering(const Collider& collider, bool predicted, Found&& found) {
     const auto sharp = collider.geometry()->sharp_points();
