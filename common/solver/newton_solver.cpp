@@ -373,7 +373,7 @@ bool NewtonSolver::solve_contact(State& state, StepMeter& meter) {
     moved = move_touched(state, false, meter);
   }
   // Far from the minimum the quadratic model of the tissue is wrong, and the line search stops objects with the tissue.
-  // But an object that stays in the skin is pressed with many times the force. The objects alone move without a model.
+  // But an object that stays in the skin is pressed with many times the force. Objects alone need no model of tissue.
   if (moved == Moved::not_finite || layout_.border_bodies == 0 || FactorPolicy::is_balanced(meter.report))
     return moved != Moved::not_finite;
   if (moved == Moved::no && !potential_.evaluate(state, meter, {})) return false;

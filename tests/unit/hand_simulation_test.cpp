@@ -238,7 +238,7 @@ double force_of(const Jump& jump, const HandModel& model) {
 
 // After late steps the targets are far ahead, and the velocities of a hand at rest predict no contact. The budget is
 // too small to find the contacts in the iterations. Before contacts were predicted from the targets, a free cube was
-// hit with 238 to 516 N. Before objects moved alone at the end of a step, it was hit with 2.6 times the force of an
+// hit with 238 to 516 N. Before objects moved alone at the end of a step, it was hit with up to 6 times the force of an
 // unlimited step. A fixed cube, which allows chord steps, was pressed with 175 to 3,100 N. Prints the tables of
 // docs/performance.md.
 TEST(HandSimulation, AJumpOfTheTargetsUnderABudgetDoesNotHitAnObjectHard) {
