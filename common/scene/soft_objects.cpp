@@ -70,7 +70,10 @@ SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objec
   alone_.nodes = all_.nodes;
   alone_.node_body = all_.node_body;
   masses_ = lumped_masses(all_);
-  tangled_.resize(objects_.size());
+  tangled_.resize(2 * objects_.size());
+  moved_.resize(all_.nodes.size());
+  around_.resize(all_.nodes.size());
+  before_.resize(3, all_.node_count());
   start_.setZero(3, first_.back());
   for (int i = 0; i < count(); ++i) {
     for (int n = first_node(i); n < first_node(i + 1); ++n)
@@ -159,15 +162,93 @@ bool SoftObjects::touches_hand(int i) const {
   });
 }
 
-// A few elements can be inverted in a firm grip, too.
-bool SoftObjects::is_folded(int i, const State& state) const {
-  constexpr double kShare = 0.005;
+bool SoftObjects::is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const {
+  const auto at = [&](std::size_t k) -> Vector3 { return state.node_positions.col(first_node(i) + corners[k]); };
+  return (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) < 0;
+}
+
+int SoftObjects::inverted_count(int i, const State& state) const {
+  return static_cast<int>(std::ranges::count_if(objects_[static_cast<std::size_t>(i)].body->tetrahedra,
+                                                [&](const auto& corners) { return is_inverted(i, corners, state); }));
+}
+
+// Moves the nodes in `moved_` to their rest places, mapped by the affine map that fits the nodes in `around_` best.
+// Returns false if these do not define one that keeps the orientation.
+bool SoftObjects::place_by_surroundings(int i, State& state) const {
+  const std::vector<Vector3>& rest = objects_[static_cast<std::size_t>(i)].body->nodes;
+  const auto node = [&](std::size_t k) { return static_cast<std::size_t>(first_node(i)) + k; };
+  Vector3 centre = Vector3::Zero(), rest_centre = Vector3::Zero();
+  double count = 0;
+  for (std::size_t k = 0; k < rest.size(); ++k) {
+    if (around_[node(k)] == 0) continue;
+    centre += state.node_positions.col(static_cast<Eigen::Index>(node(k)));
+    rest_centre += rest[k];
+    ++count;
+  }
+  if (count < 4) return false;
+  centre /= count, rest_centre /= count;
+  Matrix3 covariance = Matrix3::Zero(), of_rest = Matrix3::Zero();
+  for (std::size_t k = 0; k < rest.size(); ++k) {
+    if (around_[node(k)] == 0) continue;
+    const Vector3 arm = rest[k] - rest_centre;
+    covariance += (state.node_positions.col(static_cast<Eigen::Index>(node(k))) - centre) * arm.transpose();
+    of_rest += arm * arm.transpose();
+  }
+  constexpr double kFlat = 1e-6;  // relative; the surroundings lie in a plane
+  if (!(of_rest.determinant() > kFlat * std::pow(of_rest.trace() / 3, 3))) return false;
+  const Matrix3 map = covariance * of_rest.inverse();
+  if (!(map.determinant() > 0)) return false;
+  for (std::size_t k = 0; k < rest.size(); ++k) {
+    if (moved_[node(k)] != 0)
+      state.node_positions.col(static_cast<Eigen::Index>(node(k))) = centre + map * (rest[k] - rest_centre);
+  }
+  return true;
+}
+
+// Each cluster of inverted tetrahedra, and up to two rings around it. Returns the number of nodes that were moved.
+int SoftObjects::unfold(int i, State& state) {
+  constexpr int kRings = 3;
   const auto& tetrahedra = objects_[static_cast<std::size_t>(i)].body->tetrahedra;
-  const auto inverted = std::ranges::count_if(tetrahedra, [&](const auto& corners) {
-    const auto at = [&](std::size_t k) -> Vector3 { return state.node_positions.col(first_node(i) + corners[k]); };
-    return (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) < 0;
-  });
-  return static_cast<double>(inverted) > kShare * static_cast<double>(tetrahedra.size());
+  const auto node = [&](std::int32_t corner) { return static_cast<std::size_t>(first_node(i) + corner); };
+  const auto any = [&](const auto& corners, const std::vector<std::uint8_t>& marks) {
+    return std::ranges::any_of(corners, [&](std::int32_t corner) { return marks[node(corner)] != 0; });
+  };
+  const auto mark = [&](const auto& corners, std::vector<std::uint8_t>& marks) {
+    for (const std::int32_t corner : corners) marks[node(corner)] = 1;
+  };
+  int count = 0;
+  for (const auto& seed : tetrahedra) {
+    if (!is_inverted(i, seed, state)) continue;
+    std::ranges::fill(moved_, std::uint8_t{0});
+    mark(seed, moved_);
+    for (bool grows = true; grows;) {
+      const auto marked = std::ranges::count(moved_, 1);
+      for (const auto& corners : tetrahedra)
+        if (any(corners, moved_) && is_inverted(i, corners, state)) mark(corners, moved_);
+      grows = std::ranges::count(moved_, 1) > marked;
+    }
+    const double energy = tissue_->value(state);
+    before_ = state.node_positions;
+    for (int ring = 0; ring < kRings; ++ring) {
+      around_ = moved_;
+      for (const auto& corners : tetrahedra)
+        if (any(corners, moved_)) mark(corners, around_);
+      for (std::size_t n = 0; n < moved_.size(); ++n) around_[n] = around_[n] != 0 && moved_[n] == 0 ? 1 : 0;
+      if (place_by_surroundings(i, state) && tissue_->value(state) < energy) {
+        Vector3 velocity = Vector3::Zero();  // mean of the surroundings
+        for (std::size_t n = 0; n < around_.size(); ++n)
+          if (around_[n] != 0) velocity += state.node_velocities.col(static_cast<Eigen::Index>(n));
+        velocity /= static_cast<double>(std::ranges::count(around_, 1));
+        for (std::size_t n = 0; n < moved_.size(); ++n)
+          if (moved_[n] != 0) state.node_velocities.col(static_cast<Eigen::Index>(n)) = velocity;
+        count += static_cast<int>(std::ranges::count(moved_, 1));
+        break;
+      }
+      state.node_positions = before_;
+      for (std::size_t n = 0; n < moved_.size(); ++n) moved_[n] = moved_[n] != 0 || around_[n] != 0 ? 1 : 0;
+    }
+  }
+  return count;
 }
 
 void SoftObjects::stop_deformation(int i, State& state) const {
@@ -224,12 +305,25 @@ void SoftObjects::restore_shape(int i, State& state) const {
 
 int SoftObjects::untangle(State& state, double time_step, bool converged) {
   constexpr double kLongest = 0.1;  // s
+  // Share of inverted tetrahedra beyond which an object is tangled. A few can be inverted in a firm grip, too.
+  constexpr double kShare = 0.005;
   int moved = 0;
   for (int i = 0; i < count(); ++i) {
     double& tangled = tangled_[static_cast<std::size_t>(i)];
+    double& inverted = tangled_[static_cast<std::size_t>(count() + i)];
+    // Steps that converge turn nothing inside out.
+    const bool may_be_inverted = !converged || inverted > 0;
+    const int inverted_now = may_be_inverted ? inverted_count(i, state) : 0;
+    const bool is_folded =
+        inverted_now > kShare * static_cast<double>(objects_[static_cast<std::size_t>(i)].body->tetrahedra.size());
     // The repair of the hand's tissue ends contacts, too. So contact counts only at the start.
-    const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_folded(i, state);
+    const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_folded;
     tangled = is_tangled ? tangled + time_step : 0;
+    inverted = inverted_now > 0 && !is_tangled ? inverted + time_step : 0;
+    if (inverted >= kLongest) {
+      inverted = time_step;
+      moved += unfold(i, state);
+    }
     if (is_tangled) stop_deformation(i, state);
     if (tangled < kLongest) continue;
     tangled = 0;
@@ -243,9 +337,9 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
 void SoftObjects::forget() { std::ranges::fill(tangled_, 0.0); }
 
 void SoftObjects::load(const std::vector<double>& tangled) {
-  if (tangled.size() != objects_.size())
-    throw std::invalid_argument("flexible objects: " + std::to_string(tangled.size()) + ", expected " +
-                                std::to_string(objects_.size()));
+  if (tangled.size() != tangled_.size())
+    throw std::invalid_argument("flexible objects: " + std::to_string(tangled.size()) + " times, expected " +
+                                std::to_string(tangled_.size()));
   tangled_ = tangled;
 }
 

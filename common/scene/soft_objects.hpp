@@ -90,9 +90,14 @@ class SoftObjects {
   /// as a rigid body, because the velocities of its nodes do not predict their next movement. After 0.1 s it gets its
   /// rest shape where it is, but outside the objects in the slots, and its velocity is zero. Its contacts end, and the
   /// hands pass through it as after a reset. Returns the number of nodes that were put back; their contacts with skin
-  /// must end, too. Adds no kinetic energy. Does not allocate. Not in the source.
+  /// must end, too. Adds no kinetic energy.
+  ///
+  /// A few tetrahedra can stay inverted in a minimum of the energy, also in steps that converge. After 0.1 s their
+  /// nodes are moved to where the nodes around them put them, if the tissue then has less energy. The object keeps its
+  /// contacts with the objects in the slots. Does not allocate. Not in the source.
   int untangle(State& state, double time_step, bool converged);
-  /// All that a step carries to the next one, besides the terms: for how long (s) each object has been tangled.
+  /// All that a step carries to the next one, besides the terms. For how long (s) each object has been tangled, then
+  /// for how long each one has had inverted tetrahedra.
   const std::vector<double>& save() const { return tangled_; }
   /// No object has been tangled.
   void forget();
@@ -113,7 +118,10 @@ class SoftObjects {
   bool overlaps_hands(int i, const State& state) const;
   Vector3 centre_of_mass(int i, const State& state) const;
   bool touches_hand(int i) const;
-  bool is_folded(int i, const State& state) const;
+  bool is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const;
+  int inverted_count(int i, const State& state) const;
+  int unfold(int i, State& state);
+  bool place_by_surroundings(int i, State& state) const;
   void stop_deformation(int i, State& state) const;
   void restore_shape(int i, State& state) const;
 
@@ -124,7 +132,9 @@ class SoftObjects {
   TissueModel alone_;                        // without the hands' tetrahedra, skin and contact points; with their nodes
   std::vector<double> masses_;
   Eigen::Matrix3Xd start_;
-  std::vector<double> tangled_;
+  std::vector<double> tangled_;               // s, by object: tangled, then inverted
+  std::vector<std::uint8_t> moved_, around_;  // by node of the state, in `unfold`
+  Eigen::Matrix3Xd before_;                   // positions, in `unfold`
   Tissue* tissue_ = nullptr;
   SkinContact* skin_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
