@@ -172,18 +172,17 @@ def check_glove(path, cut, joined):
     """What the glove was commanded before, during and after the cut. Times are those of the glove's host, s."""
     lines = [json.loads(line) for line in open(path)]
     samples = [(1e-9 * line["time_ns"], max(line["commands_N"])) for line in lines]
-    before = [force for at, force in samples if cut - 1 < at < cut]
-    check(max(before, default=0) > 0.5, f"the glove pulled with {max(before, default=0):.2f} N before the cut")
+    before = max((force for at, force in samples if cut - 1 < at < cut), default=0)
+    check(before > 0.5, f"the glove pulled with {before:.2f} N before the cut")
     pulling = [at for at, force in samples if cut <= at < joined and force > 0]
     zero_after = 1e3 * (pulling[-1] - cut) if pulling else 0
     check(zero_after < 50, f"the last force came {zero_after:.1f} ms after the cut")
     after = [(at, force) for at, force in samples if joined <= at]
     check(max((force for _, force in after), default=0) > 0.5, "the glove pulls again")
-    rises = [b - a for (_, a), (_, b) in zip(after, after[1:])]
-    rise = max(rises, default=0)
+    rise = max((b - a for (_, a), (_, b) in zip(after, after[1:])), default=0)
     check(rise < 5, f"largest rise between two lines of the log after the cut: {rise:.2f} N in 10 ms")
     largest = max((force for at, force in after if at < joined + 3), default=0)
-    check(largest < max(before, default=0) + 5, f"largest force in the 3 s after the cut: {largest:.2f} N")
+    check(largest < before + 5, f"largest force in the 3 s after the cut: {largest:.2f} N")
 
 
 def ask(names, folder, *arguments):
