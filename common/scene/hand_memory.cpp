@@ -45,7 +45,7 @@ void HandSimulation::load(ByteReader& in) {
   try {
     for (const auto& term : terms_) term->load_memory(in);
     for (const auto& hand : hands_) hand->untangler().load(in.take<Untangler::Memory>());
-    if (soft_) soft_->load(in.take<std::vector<double>>());
+    if (soft_) soft_->load(in.take<SoftObjects::Memory>());
   } catch (const std::invalid_argument& error) {
     throw std::runtime_error(std::string("the saved state does not fit: ") + error.what());
   }

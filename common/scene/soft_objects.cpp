@@ -70,9 +70,8 @@ SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objec
   alone_.nodes = all_.nodes;
   alone_.node_body = all_.node_body;
   masses_ = lumped_masses(all_);
-  tangled_.resize(2 * objects_.size());
-  moved_.resize(all_.nodes.size());
-  around_.resize(all_.nodes.size());
+  memory_ = {std::vector<double>(objects_.size()), std::vector<double>(objects_.size())};
+  for (std::vector<std::uint8_t>* marks : {&moved_, &around_, &tried_}) marks->resize(all_.nodes.size());
   before_.resize(3, all_.node_count());
   start_.setZero(3, first_.back());
   for (int i = 0; i < count(); ++i) {
@@ -172,8 +171,9 @@ int SoftObjects::inverted_count(int i, const State& state) const {
                                                 [&](const auto& corners) { return is_inverted(i, corners, state); }));
 }
 
-// Moves the nodes in `moved_` to their rest places, mapped by the affine map that fits the nodes in `around_` best.
-// Returns false if these do not define one that keeps the orientation.
+// Moves the nodes in `moved_` to their rest places, mapped by an affine map. It is the least-squares fit of the nodes
+// in `around_` (Mueller et al. 2005, Meshless Deformations Based on Shape Matching). Returns false if these nodes
+// define no map that keeps the orientation.
 bool SoftObjects::place_by_surroundings(int i, State& state) const {
   const std::vector<Vector3>& rest = objects_[static_cast<std::size_t>(i)].body->nodes;
   const auto node = [&](std::size_t k) { return static_cast<std::size_t>(first_node(i)) + k; };
@@ -205,9 +205,11 @@ bool SoftObjects::place_by_surroundings(int i, State& state) const {
   return true;
 }
 
-// Each cluster of inverted tetrahedra, and up to two rings around it. Returns the number of nodes that were moved.
+// Places clusters of inverted tetrahedra by the nodes around them, or, if that releases no energy, with one or two
+// rings more. Returns the number of nodes that were moved.
 int SoftObjects::unfold(int i, State& state) {
-  constexpr int kRings = 3;
+  constexpr int kMostRings = 2;
+  constexpr int kMostClusters = 4;  // each costs up to four evaluations of the tissue's energy
   const auto& tetrahedra = objects_[static_cast<std::size_t>(i)].body->tetrahedra;
   const auto node = [&](std::int32_t corner) { return static_cast<std::size_t>(first_node(i) + corner); };
   const auto any = [&](const auto& corners, const std::vector<std::uint8_t>& marks) {
@@ -216,9 +218,12 @@ int SoftObjects::unfold(int i, State& state) {
   const auto mark = [&](const auto& corners, std::vector<std::uint8_t>& marks) {
     for (const std::int32_t corner : corners) marks[node(corner)] = 1;
   };
-  int count = 0;
+  std::ranges::fill(tried_, std::uint8_t{0});
+  int moved = 0, clusters = 0;
   for (const auto& seed : tetrahedra) {
-    if (!is_inverted(i, seed, state)) continue;
+    if (clusters == kMostClusters) break;
+    if (!is_inverted(i, seed, state) || any(seed, tried_)) continue;
+    ++clusters;
     std::ranges::fill(moved_, std::uint8_t{0});
     mark(seed, moved_);
     for (bool grows = true; grows;) {
@@ -227,13 +232,14 @@ int SoftObjects::unfold(int i, State& state) {
         if (any(corners, moved_) && is_inverted(i, corners, state)) mark(corners, moved_);
       grows = std::ranges::count(moved_, 1) > marked;
     }
+    for (std::size_t n = 0; n < moved_.size(); ++n) tried_[n] |= moved_[n];
     const double energy = tissue_->value(state);
     before_ = state.node_positions;
-    for (int ring = 0; ring < kRings; ++ring) {
+    for (int rings = 0; rings <= kMostRings; ++rings) {
       around_ = moved_;
       for (const auto& corners : tetrahedra)
         if (any(corners, moved_)) mark(corners, around_);
-      for (std::size_t n = 0; n < moved_.size(); ++n) around_[n] = around_[n] != 0 && moved_[n] == 0 ? 1 : 0;
+      for (std::size_t n = 0; n < moved_.size(); ++n) around_[n] ^= moved_[n];
       if (place_by_surroundings(i, state) && tissue_->value(state) < energy) {
         Vector3 velocity = Vector3::Zero();  // mean of the surroundings
         for (std::size_t n = 0; n < around_.size(); ++n)
@@ -241,14 +247,15 @@ int SoftObjects::unfold(int i, State& state) {
         velocity /= static_cast<double>(std::ranges::count(around_, 1));
         for (std::size_t n = 0; n < moved_.size(); ++n)
           if (moved_[n] != 0) state.node_velocities.col(static_cast<Eigen::Index>(n)) = velocity;
-        count += static_cast<int>(std::ranges::count(moved_, 1));
+        if (contacts_) contacts_->release(moved_);
+        moved += static_cast<int>(std::ranges::count(moved_, 1));
         break;
       }
       state.node_positions = before_;
-      for (std::size_t n = 0; n < moved_.size(); ++n) moved_[n] = moved_[n] != 0 || around_[n] != 0 ? 1 : 0;
+      for (std::size_t n = 0; n < moved_.size(); ++n) moved_[n] |= around_[n];
     }
   }
-  return count;
+  return moved;
 }
 
 void SoftObjects::stop_deformation(int i, State& state) const {
@@ -309,9 +316,9 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
   constexpr double kShare = 0.005;
   int moved = 0;
   for (int i = 0; i < count(); ++i) {
-    double& tangled = tangled_[static_cast<std::size_t>(i)];
-    double& inverted = tangled_[static_cast<std::size_t>(count() + i)];
-    // Steps that converge turn nothing inside out.
+    double& tangled = memory_.tangled[static_cast<std::size_t>(i)];
+    double& inverted = memory_.inverted[static_cast<std::size_t>(i)];
+    // Tangles begin in steps that do not converge. So a scene whose steps converge does not pay for the count.
     const bool may_be_inverted = !converged || inverted > 0;
     const int inverted_now = may_be_inverted ? inverted_count(i, state) : 0;
     const bool is_folded =
@@ -334,13 +341,16 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
   return moved;
 }
 
-void SoftObjects::forget() { std::ranges::fill(tangled_, 0.0); }
+void SoftObjects::forget() {
+  std::ranges::fill(memory_.tangled, 0.0);
+  std::ranges::fill(memory_.inverted, 0.0);
+}
 
-void SoftObjects::load(const std::vector<double>& tangled) {
-  if (tangled.size() != tangled_.size())
-    throw std::invalid_argument("flexible objects: " + std::to_string(tangled.size()) + " times, expected " +
-                                std::to_string(tangled_.size()));
-  tangled_ = tangled;
+void SoftObjects::load(const Memory& memory) {
+  if (memory.tangled.size() != objects_.size() || memory.inverted.size() != objects_.size())
+    throw std::invalid_argument("flexible objects: " + std::to_string(memory.tangled.size()) + ", expected " +
+                                std::to_string(objects_.size()));
+  memory_ = memory;
 }
 
 Vector3 SoftObjects::skin_force(int i) const {

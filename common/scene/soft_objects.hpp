@@ -79,8 +79,8 @@ class SoftObjects {
 
   /// Whether any object touches something.
   bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
-  /// Before a step. With `all`, the hands pass through every object. Without, they pass only through those that they
-  /// passed through before and that still have a node of a hand in the box around their nodes.
+  /// Before a step. With `all`, the hands pass through every object. Without, they pass only through objects that they
+  /// passed through before. The box around the nodes of such an object must still contain a node of a hand.
   void update_passing(const State& state, bool all);
   /// The hands pass through this many objects.
   int passing() const;
@@ -93,16 +93,20 @@ class SoftObjects {
   /// must end, too. Adds no kinetic energy.
   ///
   /// A few tetrahedra can stay inverted in a minimum of the energy, also in steps that converge. After 0.1 s their
-  /// nodes are moved to where the nodes around them put them, if the tissue then has less energy. The object keeps its
-  /// contacts with the objects in the slots. Does not allocate. Not in the source.
+  /// nodes are placed by the nodes around them, if the tissue then has less energy. The contacts of these nodes with
+  /// the objects in the slots end, all others persist. A call tries at most four clusters of such tetrahedra. Does not
+  /// allocate. Not in the source.
   int untangle(State& state, double time_step, bool converged);
-  /// All that a step carries to the next one, besides the terms. For how long (s) each object has been tangled, then
-  /// for how long each one has had inverted tetrahedra.
-  const std::vector<double>& save() const { return tangled_; }
+  /// All that a step carries to the next one, besides the terms.
+  struct Memory {
+    std::vector<double> tangled;   // s, by object: for how long it has been tangled
+    std::vector<double> inverted;  // s, by object: for how long it has had inverted tetrahedra without being tangled
+  };
+  const Memory& save() const { return memory_; }
   /// No object has been tangled.
   void forget();
   /// Throws std::invalid_argument if there are other objects.
-  void load(const std::vector<double>& tangled);
+  void load(const Memory& memory);
 
   /// Force (N) of the hands and of other flexible objects on object `i` in the last step.
   Vector3 skin_force(int i) const;
@@ -132,9 +136,9 @@ class SoftObjects {
   TissueModel alone_;                        // without the hands' tetrahedra, skin and contact points; with their nodes
   std::vector<double> masses_;
   Eigen::Matrix3Xd start_;
-  std::vector<double> tangled_;               // s, by object: tangled, then inverted
-  std::vector<std::uint8_t> moved_, around_;  // by node of the state, in `unfold`
-  Eigen::Matrix3Xd before_;                   // positions, in `unfold`
+  Memory memory_;
+  std::vector<std::uint8_t> moved_, around_, tried_;  // by node of the state, in `unfold`
+  Eigen::Matrix3Xd before_;                           // positions, in `unfold`
   Tissue* tissue_ = nullptr;
   SkinContact* skin_ = nullptr;
   std::unique_ptr<ContactSet> contacts_;
