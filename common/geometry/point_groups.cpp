@@ -34,21 +34,21 @@ void PointGroups::update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3
       bounds.extend(Vector3(positions.col(node) + time_step * velocities.col(node)));
     }
     group.centre = bounds.center();
-    group.radius = 0.5 * bounds.diagonal().norm();
+    group.half = 0.5 * bounds.diagonal();
     whole.extend(bounds);
   }
   if (!groups_.empty()) {
     whole_.centre = whole.center();
-    whole_.radius = 0.5 * whole.diagonal().norm();
+    whole_.half = 0.5 * whole.diagonal();
   }
 }
 
-bool PointGroups::is_near(const Ball& ball, const ShapeGeometry& shape, const Pose& pose, double margin) {
-  const Vector3 offset = ball.centre - pose.position;
-  const double reach = ball.radius + margin;
-  const double far = reach + shape.bounding_radius();
-  if (offset.squaredNorm() > far * far) return false;
-  return shape.signed_distance(pose.orientation.conjugate() * offset) <= reach;
+// The box rejects most groups. Then the distance between the shape and the ball around the box rejects others.
+bool PointGroups::is_near(const Box& box, const ShapeGeometry& shape, const Pose& pose, double margin) {
+  const Vector3 to_shape = pose.position - box.centre;
+  const double far = margin + shape.bounding_radius();
+  if (box.squared_distance(to_shape) > far * far) return false;
+  return shape.signed_distance(pose.orientation.conjugate() * Vector3(-to_shape)) <= margin + box.radius();
 }
 
 }  // namespace softhand

@@ -1,4 +1,4 @@
-// Broad phase: points of the skin, grouped by their bone. Each point is a mean of nodes. Each group has a bounding ball
+// Broad phase: points of the skin, grouped by their bone. Each point is a mean of nodes. Each group has a bounding box
 // of its nodes, so the points themselves need not be computed.
 #pragma once
 
@@ -22,14 +22,14 @@ class PointGroups {
   PointGroups(std::span<const std::uint8_t> group_of,
               const std::function<std::span<const std::int32_t>(std::int32_t)>& nodes_of);
 
-  /// Updates the bounding balls. They contain each point's motion in a step of `time_step` seconds. `positions` and
+  /// Updates the bounding boxes. They contain each point's motion in a step of `time_step` seconds. `positions` and
   /// `velocities` are those of the nodes.
   void update(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3Xd& velocities, double time_step);
 
   /// An upper bound of the distance of any point from `point`, metres.
-  double farthest(const Vector3& point) const { return (whole_.centre - point).norm() + whole_.radius; }
+  double farthest(const Vector3& point) const { return (whole_.centre - point).norm() + whole_.radius(); }
 
-  /// Calls visit(point) for every point of the groups whose ball comes within `margin` metres of the shape at `pose`.
+  /// Calls visit(point) for every point of the groups whose box may come within `margin` metres of the shape at `pose`.
   /// The order of the groups and of their points never changes.
   template <typename Visit>
   void for_each_near(const ShapeGeometry& shape, const Pose& pose, double margin, Visit&& visit) const {
@@ -40,7 +40,7 @@ class PointGroups {
     }
   }
 
-  /// The same for the groups whose ball comes within `margin` metres of a place.
+  /// The same for the groups whose box comes within `margin` metres of a place.
   template <typename Visit>
   void for_each_near(const Vector3& place, double margin, Visit&& visit) const {
     if (groups_.empty() || !is_near(whole_, place, margin)) return;
@@ -51,21 +51,23 @@ class PointGroups {
   }
 
  private:
-  struct Ball {
-    Vector3 centre = Vector3::Zero();
-    double radius = 0;
+  struct Box {
+    Vector3 centre = Vector3::Zero(), half = Vector3::Zero();  // half: of its edges
+    double radius() const { return half.norm(); }
+    double squared_distance(const Vector3& from_centre) const {
+      return (from_centre.cwiseAbs() - half).cwiseMax(0.0).squaredNorm();
+    }
   };
-  struct Group : Ball {
+  struct Group : Box {
     std::vector<std::int32_t> points, nodes;
   };
-  static bool is_near(const Ball& ball, const Vector3& place, double margin) {
-    const double reach = ball.radius + margin;
-    return (ball.centre - place).squaredNorm() <= reach * reach;
+  static bool is_near(const Box& box, const Vector3& place, double margin) {
+    return box.squared_distance(place - box.centre) <= margin * margin;
   }
-  static bool is_near(const Ball& ball, const ShapeGeometry& shape, const Pose& pose, double margin);
+  static bool is_near(const Box& box, const ShapeGeometry& shape, const Pose& pose, double margin);
 
   std::vector<Group> groups_;
-  Ball whole_;
+  Box whole_;
 };
 
 }  // namespace softhand
