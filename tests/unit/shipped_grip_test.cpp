@@ -175,6 +175,21 @@ TEST_P(ShippedGrip, PowerGraspWrapsTheCylinder) {
   }
 }
 
+// A left hand was asked to have its knuckles and its thumb on the other side of the cylinder.
+TEST(Generator, PowerGraspsOfBothHandsAreMirrorImages) {
+  const HandModel right = load({"right_1450", false}), left = mirrored(right);
+  GeneratorOptions o;
+  o.motion = "power_grasp";
+  o.object_position = {0, 0, 0};
+  const auto of_right = make_motion(right, o), of_left = make_motion(left, o);
+  for (const double time : {o.approach_time, o.approach_time + o.close_time}) {
+    const JointFrames a = of_right->at(time), b = of_left->at(time);
+    for (std::size_t j = 0; j < kJointCount; ++j)
+      EXPECT_LT((b[j].position - Vector3(-1, 1, 1).cwiseProduct(a[j].position)).norm(), 1e-3)
+          << kJointNames[j] << " at " << time;
+  }
+}
+
 // The same hand with a rest pose in which its fingers are flexed further.
 HandModel relaxed(const HandModel& hand) {
   JointAngles more;

@@ -39,6 +39,7 @@ struct GraspGoals {
   double radius;  // m, of the cylinder
   double depth;   // m, of the pads below the surface
   double deepest;
+  Vector3 ahead;  // from the wrist to the knuckles
 
   void operator()(PostureSolver& s) const {
     for (int f = 0; f < kFingerCount; ++f) {
@@ -50,7 +51,7 @@ struct GraspGoals {
                        {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)),
                         by_point(0, pad.body, pad.position, of_direction(out, i))});
         if (f == 0) {
-          s.add_residual(kOpposed, direction[i] + Vector3::UnitX()[i],
+          s.add_residual(kOpposed, direction[i] + ahead[i],
                          {by_point(0, pad.body, pad.position, of_direction(out, i))});
         }
       }
@@ -108,14 +109,17 @@ struct GraspGoals {
                    {by_point(0, thumb.body, thumb.position, up), by_point(0, index.body, index.position, -0.5 * up),
                     by_point(0, middle.body, middle.position, -0.5 * up)});
     const Vector3& knuckle = frames[static_cast<std::size_t>(index_of(Joint::middle_proximal))].position;
-    s.add_residual(0.5 * kPerMetre, knuckle.x() - kBeyond,
-                   {by_point(0, Body::middle_metacarpal, knuckle, Vector3::UnitX())});
+    s.add_residual(0.5 * kPerMetre, knuckle.dot(ahead) - kBeyond,
+                   {by_point(0, Body::middle_metacarpal, knuckle, ahead)});
     const auto ring = s.pad(Finger::ring, 0);
     s.add_residual(
         kLevel, 0.5 * (middle.position.y() + ring.position.y()),
         {by_point(0, middle.body, middle.position, 0.5 * up), by_point(0, ring.body, ring.position, 0.5 * up)});
   }
 };
+
+// The hand's palm looks along -Z and its thumb side up. So the knuckles of a right hand are ahead of its wrist along X.
+Vector3 ahead(const HandModel& model) { return (model.side == Side::right ? 1 : -1) * Vector3::UnitX(); }
 
 // First guess: palm along -Z, thumb side up, cylinder below the knuckles.
 Pose first_wrist(const HandModel& model, double radius) {
@@ -197,7 +201,7 @@ Grasp closed(const GripHand& hand, const GeneratorOptions& o) {
     PostureSolver solver(hand, grasp.wrist, {grasp.shut});
     solver.free_wrist();
     free_all_fingers(solver);
-    solver.solve(GraspGoals{now, o.closing_depth, -o.closing_depth - 1e-3});
+    solver.solve(GraspGoals{now, o.closing_depth, -o.closing_depth - 1e-3, ahead(hand.model())});
     grasp = {solver.wrist(), solver.angles(0)};
   }
   return grasp;
