@@ -101,7 +101,9 @@ void SkinPatches::divide(const TissueModel& model) {
   }
 }
 
-// A point belongs to the patch of the nearest node of its part.
+// A point belongs to the patch of one of its nodes: the nearest one of its part, or the nearest one of another part. On
+// a coarse mesh other nodes of its part may be nearer, but far along the skin. Then the point would touch its own
+// triangle.
 void SkinPatches::assign_points(const TissueModel& model, const ContactPoints& points) {
   Eigen::Matrix3Xd rest(3, model.node_count());
   for (std::int32_t n = 0; n < model.node_count(); ++n) rest.col(n) = model.nodes[at(n)];
@@ -112,22 +114,20 @@ void SkinPatches::assign_points(const TissueModel& model, const ContactPoints& p
   for (int i = 0; i < points.count(); ++i) {
     const Vector3 place = points.at(i, rest);
     const int part = skin_part(points[i].body);
-    std::int32_t nearest = -1;
-    double best = kFar;
-    for (const bool any_part : {false, true}) {
-      for (std::int32_t n = 0; n < model.node_count(); ++n) {
-        if (patch_of_node_[at(n)] < 0 || (!any_part && part_of_node(model, n) != part)) continue;
-        const double away = (model.nodes[at(n)] - place).squaredNorm();
-        if (away < best) {
-          best = away;
-          nearest = n;
-        }
-      }
-      if (nearest >= 0) break;
+    std::int32_t best = -1;
+    const auto rank = [&](std::int32_t n) {
+      return std::pair(part_of_node(model, n) != part, (model.nodes[at(n)] - place).squaredNorm());
+    };
+    const auto consider = [&](std::int32_t n) {
+      if (patch_of_node_[at(n)] >= 0 && (best < 0 || rank(n) < rank(best))) best = n;
+    };
+    std::ranges::for_each(points.nodes(i), consider);
+    if (best < 0) {  // all nodes of the point are inside the tissue
+      for (std::int32_t n = 0; n < model.node_count(); ++n) consider(n);
     }
-    patch_of_point_.push_back(patch_of_node_[at(nearest)]);
+    patch_of_point_.push_back(patch_of_node_[at(best)]);
     patches_[at(patch_of_point_.back())].points.push_back(i);
-    node_of_point_.push_back(nearest);
+    node_of_point_.push_back(best);
   }
 }
 
@@ -154,6 +154,11 @@ void SkinPatches::exclude_near_at_rest(const TissueModel& model, const ContactPo
     surface.spread(
         sources, near_at_rest, distance, [](std::int32_t) { return true; },
         [&](std::int32_t node) { set(a, at(patch_of_node_[at(node)]), 0); });
+  }
+  // On a coarse mesh the edges of a triangle can be longer than that.
+  for (const auto& corners : model.surface) {
+    for (std::size_t k = 0; k < 3; ++k)
+      set(at(patch_of_node_[at(corners[k])]), at(patch_of_node_[at(corners[(k + 1) % 3])]), 0);
   }
   // Pairs with a thin sheet of tissue between them.
   Eigen::Matrix3Xd rest(3, model.node_count());

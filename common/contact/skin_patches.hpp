@@ -61,7 +61,7 @@ class SkinPatches {
   }
   int patch_of_point(int point) const { return patch_of_point_[static_cast<std::size_t>(point)]; }
   int patch_of_triangle(int triangle) const { return patch_of_triangle_[static_cast<std::size_t>(triangle)]; }
-  /// The node of the surface that is nearest to the point at rest, and the triangles around a node of the surface.
+  /// The node of the point that gives it its patch, and the triangles around a node of the surface.
   std::int32_t node_of_point(int point) const { return node_of_point_[static_cast<std::size_t>(point)]; }
   std::span<const std::int32_t> triangles_around(std::int32_t node) const {
     return around_[static_cast<std::size_t>(node)];

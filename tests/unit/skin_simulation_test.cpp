@@ -1,6 +1,7 @@
 // Contact of the skin with itself in the whole hand: a fist that closes and opens.
 #include <gtest/gtest.h>
 
+#include "contact/skin_patches.hpp"
 #include "energies/skin_contact.hpp"
 #include "messages/plain_bytes.hpp"
 #include "scene/finger_gap.hpp"
@@ -78,6 +79,28 @@ TEST(SkinOfAHand, FistHoldsItsFingersApart) {
     EXPECT_TRUE(simulation.skin()->anchors().empty()) << "the open hand still touches itself";
   }
   EXPECT_GT(gaps[1], gaps[0] + 1e-3);
+}
+
+// On the coarse mesh the thumb touched its own root: a nearer node, far along the skin, gave a point its patch.
+TEST(SkinOfAHand, NoPointCanTouchTheTriangleThatItLiesOn) {
+  for (const char* const name : {"right_400", "right_750", "right_1450", "right_3000", "right_6000"}) {
+    const HandModel model = load_hand(std::string(SOFTHAND_SOURCE_DIR "/config/hands/") + name + ".hand.json");
+    const ContactPoints points(model, lumped_masses(model));
+    const SkinPatches patches(model, points);
+    int found = 0;
+    for (int point = 0; point < points.count(); ++point) {
+      const auto nodes = points.nodes(point);
+      for (const std::int32_t triangle : patches.triangles_around(nodes[0])) {
+        const auto& corners = model.surface[static_cast<std::size_t>(triangle)];
+        if (std::ranges::any_of(nodes, [&](auto node) { return std::ranges::find(corners, node) == corners.end(); }))
+          continue;
+        ++found;
+        EXPECT_FALSE(patches.can_touch(patches.patch_of_point(point), patches.patch_of_triangle(triangle)))
+            << name << ": point " << point << ", triangle " << triangle;
+      }
+    }
+    EXPECT_GE(found, points.count()) << name;
+  }
 }
 
 // The open hand has no narrow query, and its chord steps stay: the term costs the queries of the parts only.
