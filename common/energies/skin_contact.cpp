@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <complex>
+#include <map>
 #include <stdexcept>
 #include <string>
 #include <utility>
+
+#include "math/tetrahedron.hpp"
 
 namespace softhand {
 namespace {
@@ -68,6 +71,23 @@ std::array<Complex3, 4> complex_gradient(const ContactAnchor& anchor, const std:
   return result;
 }
 
+// By triangle of the surface: its tetrahedron.
+std::vector<std::int32_t> behind(const TissueModel& model) {
+  const auto sorted = [](std::array<std::int32_t, 3> face) {
+    std::ranges::sort(face);
+    return face;
+  };
+  std::map<std::array<std::int32_t, 3>, std::int32_t> of_face;
+  for (std::size_t t = 0; t < model.tetrahedra.size(); ++t) {
+    const auto& x = model.tetrahedra[t];
+    for (const auto& face : kTetrahedronFaces)
+      of_face[sorted({x[face[0]], x[face[1]], x[face[2]]})] = static_cast<std::int32_t>(t);
+  }
+  std::vector<std::int32_t> result;
+  for (const auto& triangle : model.surface) result.push_back(of_face.at(sorted(triangle)));
+  return result;
+}
+
 }  // namespace
 
 SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& node_masses, double stiffness,
@@ -82,7 +102,10 @@ SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& no
       search_(model, points_),
       corner_blocks_(model.surface.size()),
       has_anchor_(static_cast<std::size_t>(points_.count()) * static_cast<std::size_t>(search_.patches().part_count()),
-                  0) {
+                  0),
+      tetrahedra_(model.tetrahedra),
+      tetrahedron_of_triangle_(behind(model)) {
+  for (const SkinPoint& point : model.contact_points) tetrahedron_of_point_.push_back(point.tetrahedron);
   for (const double each : object_frictions_) checked(each, false, "friction");
   if (std::max(0, search_.patches().part_count() - kFirstSoftPart) != static_cast<int>(object_frictions_.size()))
     throw std::invalid_argument("skin contact: expected one friction coefficient for each flexible object");
@@ -118,6 +141,17 @@ bool SkinContact::cannot_begin(int point, int part) {
   return std::min(own, part) < kFirstSoftPart && passing(object);
 }
 
+// Whether the tissue of a hand behind the point or behind the triangle is inverted at the start of the step. Such skin
+// looks inward. Its contacts would pull the parts into each other and invert more tissue.
+bool SkinContact::is_turned(int point, int triangle) const {
+  const auto inverted = [this](std::int32_t t) {
+    return tetrahedron_volume(search_.starts(), tetrahedra_[static_cast<std::size_t>(t)]) < 0;
+  };
+  if (std::max(skin_part(points_[point].body), search_.part_of_triangle(triangle)) >= kFirstSoftPart) return false;
+  return inverted(tetrahedron_of_point_[static_cast<std::size_t>(point)]) ||
+         inverted(tetrahedron_of_triangle_[static_cast<std::size_t>(triangle)]);
+}
+
 void SkinContact::add_pattern(BlockPattern& pattern) const {
   constexpr int kLoosePerPoint = 4;  // a fist has contact at about a tenth of its points, with twelve blocks each
   blocks_.add_pattern(pattern);
@@ -144,6 +178,10 @@ void SkinContact::bind(const BlockMatrix& matrix) {
 SkinAnchor* SkinContact::create(const SkinCandidate& candidate) {
   if (anchors_.size() == anchors_.capacity()) {
     ++dropped_;
+    return nullptr;
+  }
+  if (is_turned(candidate.point, candidate.triangle)) {
+    found_deep_ = true;  // it may be far inside when its tissue is turned back
     return nullptr;
   }
   SkinAnchor anchor;
@@ -186,6 +224,12 @@ void SkinContact::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
   found_deep_ = false;
   search_.begin_step(state, time_step, is_deep_ ? SkinPatches::deepest : kReach);
+  remove_if([this](const SkinAnchor& anchor) {
+    const bool ends = is_turned(anchor.point, anchor.triangle);
+    if (ends) cleared_ += anchor.normal_energy + anchor.friction_energy;
+    found_deep_ = found_deep_ || ends;
+    return ends;
+  });
   search_.for_each_predicted([this](int point, int part) { return cannot_begin(point, part); },
                              [this](const SkinCandidate& candidate) {
                                found_deep_ = found_deep_ || candidate.recess > kReach;
@@ -236,7 +280,7 @@ bool SkinContact::revise(const State& state) {
 
 void SkinContact::end_step(State& state) {
   in_step_ = false;
-  is_deep_ = found_deep_;
+  is_deep_ = false;
   flow_ = {.work = -std::exchange(cleared_, 0.0)};
   remove_if([&](SkinAnchor& anchor) {
     const SkinFrame frame = search_.frame(anchor.triangle, state.node_positions);
@@ -265,6 +309,7 @@ void SkinContact::end_step(State& state) {
     passed = passed || anchor.recess > SkinPatches::deepest;
     settle(anchor, offset(anchor, state));
   });
+  is_deep_ = is_deep_ || found_deep_;
   // Part of a finger was thrown through another one. Nothing pulls it back from the far side.
   if (passed) remove_if([](const SkinAnchor& anchor) { return anchor.recess > SkinPatches::deepest; });
   for (SkinAnchor& anchor : anchors_) {
@@ -377,6 +422,19 @@ void SkinContact::reset() {
   for (const SkinAnchor& anchor : anchors_) cleared_ += anchor.normal_energy + anchor.friction_energy;
   anchors_.clear();
   mark_anchors();
+  is_deep_ = true;
+}
+
+void SkinContact::release(std::span<const std::uint8_t> nodes) {
+  cancel_step();
+  remove_if([&](const SkinAnchor& anchor) {
+    const bool ends = points_.is_marked(anchor.point, nodes) ||
+                      std::ranges::any_of(search_.corners(anchor.triangle), [nodes](std::int32_t node) {
+                        return nodes[static_cast<std::size_t>(node)] != 0;
+                      });
+    if (ends) cleared_ += anchor.normal_energy + anchor.friction_energy;
+    return ends;
+  });
   is_deep_ = true;
 }
 

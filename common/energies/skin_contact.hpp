@@ -81,6 +81,9 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   void load(const Memory& memory);
   /// All contacts end. Call it after nodes were teleported. The next step looks for points that are far inside.
   void reset();
+  /// The contacts of the marked nodes end: of their points and of their triangles. `nodes`: one mark per node. Call it
+  /// after these nodes were put elsewhere. The next step looks for points that are far inside.
+  void release(std::span<const std::uint8_t> nodes);
   /// While `on`, no contact begins between the hands and a flexible object. Present contacts stay.
   void set_passing(int object, bool on);
   bool passing(int object) const { return (passing_ >> object & 1U) != 0; }
@@ -111,6 +114,7 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   }
   double friction_of(int point, int part) const;
   bool cannot_begin(int point, int part);
+  bool is_turned(int point, int triangle) const;
   SkinAnchor* create(const SkinCandidate& candidate);
   void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
   template <typename Found>
@@ -137,6 +141,8 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   std::vector<std::array<BlockSlot, 6>> corner_blocks_;  // by triangle: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2)
   std::vector<SkinAnchor> anchors_;
   std::vector<std::uint8_t> has_anchor_;  // by (point, part)
+  std::vector<std::array<std::int32_t, 4>> tetrahedra_;
+  std::vector<std::int32_t> tetrahedron_of_point_, tetrahedron_of_triangle_;
   std::uint32_t passing_ = 0;
   double time_step_ = 0;
   bool is_deep_ = true;

@@ -97,6 +97,53 @@ TEST(SkinContact, ExactHessianOfACollapsedTriangleIsFinite) {
   EXPECT_TRUE(matrix.dense().allFinite());
 }
 
+// The second finger is turned inside out. Its skin looks inward and would pull the fingers into each other.
+TEST(SkinContact, SkinOverInvertedTissueDoesNotTouch) {
+  Pressed pressed(0.5);
+  ASSERT_GT(pressed.skin.anchors().size(), 3u);
+  State& state = pressed.state;
+  const double centre = middle(state, pressed.hand, Body::middle_distal).x();
+  for (int n = 0; n < pressed.hand.node_count(); ++n) {
+    if (pressed.hand.node_body[static_cast<std::size_t>(n)] == index_of(Body::middle_distal))
+      state.node_positions(0, n) = 2 * centre - state.node_positions(0, n);
+  }
+  for (int step = 0; step < 3; ++step) {
+    pressed.skin.begin_step(state, kStep);
+    pressed.skin.revise(state);
+    EXPECT_TRUE(pressed.skin.anchors().empty()) << step;
+    pressed.skin.end_step(state);
+  }
+  // Turned back, it touches again, also where it is far inside.
+  for (int n = 0; n < pressed.hand.node_count(); ++n) {
+    if (pressed.hand.node_body[static_cast<std::size_t>(n)] == index_of(Body::middle_distal))
+      state.node_positions(0, n) = 2 * centre - state.node_positions(0, n);
+  }
+  move(state, pressed.hand, Body::middle_distal, {-2e-3, 0, 0});
+  pressed.skin.begin_step(state, kStep);
+  EXPECT_FALSE(pressed.skin.anchors().empty());
+}
+
+// Nodes were put elsewhere. The contacts of all other nodes persist.
+TEST(SkinContact, OnlyTheContactsOfMovedNodesEnd) {
+  Pressed pressed(0.5);
+  const std::vector<SkinAnchor> before(pressed.skin.anchors().begin(), pressed.skin.anchors().end());
+  std::vector<std::uint8_t> moved(pressed.hand.nodes.size(), 0);
+  moved[static_cast<std::size_t>(pressed.skin.points().main_node(before.front().point))] = 1;
+  moved[static_cast<std::size_t>(pressed.skin.search().corners(before.back().triangle)[1])] = 1;
+  pressed.skin.release(moved);
+  std::vector<int> expected, found;
+  for (const SkinAnchor& anchor : before) {
+    bool ends = pressed.skin.points().is_marked(anchor.point, moved);
+    for (const std::int32_t node : pressed.skin.search().corners(anchor.triangle))
+      ends = ends || moved[static_cast<std::size_t>(node)] != 0;
+    if (!ends) expected.push_back(anchor.point);
+  }
+  for (const SkinAnchor& anchor : pressed.skin.anchors()) found.push_back(anchor.point);
+  EXPECT_EQ(found, expected);
+  EXPECT_FALSE(found.empty());
+  EXPECT_LT(found.size(), before.size());
+}
+
 TEST(SkinContact, CarriesItsMemory) {
   HandModel hand = fingers({0.0102, 0.0013, 0.0021});
   SkinContact skin(hand, lumped_masses(hand), kStiffness, 0.5);
@@ -184,6 +231,14 @@ TEST(SkinContact, QueriesNothingButThePartsWhileNothingIsNear) {
   EXPECT_EQ(skin.search().patches().part_queries(), 2u) << "one query for each pair of parts that have skin";
 }
 
+void give_points_the_bodies_of_their_nodes(HandModel& hand) {
+  for (SkinPoint& point : hand.contact_points) {
+    const auto& corners = hand.tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
+    const auto k = std::max_element(point.weights.begin(), point.weights.end()) - point.weights.begin();
+    point.body = hand.node_body[static_cast<std::size_t>(corners[static_cast<std::size_t>(k)])];
+  }
+}
+
 // The same block divided into two fingers: all of the skin is near along the surface.
 TEST(SkinContact, SkinThatIsNearAlongTheSurfaceDoesNotTouch) {
   HandModel hand = two_fingers({6, 2, 2}, {0.02, 0.006, 0.006}, {.position = {0.1, 0, 0}});
@@ -191,11 +246,7 @@ TEST(SkinContact, SkinThatIsNearAlongTheSurfaceDoesNotTouch) {
     if (hand.nodes[n].x() < 0.05 && hand.nodes[n].x() > 0.0101)
       hand.node_body[n] = static_cast<std::uint8_t>(index_of(Body::ring_distal));
   }
-  for (SkinPoint& point : hand.contact_points) {
-    const auto& corners = hand.tetrahedra[static_cast<std::size_t>(point.tetrahedron)];
-    const auto k = std::max_element(point.weights.begin(), point.weights.end()) - point.weights.begin();
-    point.body = hand.node_body[static_cast<std::size_t>(corners[static_cast<std::size_t>(k)])];
-  }
+  give_points_the_bodies_of_their_nodes(hand);
   const ContactPoints points(hand, lumped_masses(hand));
   const SkinPatches patches(hand, points);
   const int count = static_cast<int>(patches.patches().size());
@@ -215,6 +266,27 @@ TEST(SkinContact, SkinThatIsNearAlongTheSurfaceDoesNotTouch) {
   }
   EXPECT_EQ(index_ring, 0);
   EXPECT_GT(index_middle, 0);
+}
+
+// A block with edges of 40 mm, divided into two fingers.
+TEST(SkinContact, ATriangleDoesNotTouchItsOwnCorners) {
+  HandModel hand = two_fingers({3, 1, 1}, {0.12, 0.006, 0.006}, {.position = {0.2, 0, 0}});
+  for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
+    if (hand.nodes[n].x() > 0.06 && hand.nodes[n].x() < 0.15)
+      hand.node_body[n] = static_cast<std::uint8_t>(index_of(Body::ring_distal));
+  }
+  give_points_the_bodies_of_their_nodes(hand);
+  const ContactPoints points(hand, lumped_masses(hand));
+  const SkinPatches patches(hand, points);
+  int joined = 0;
+  for (int point = 0; point < points.count(); ++point) {
+    for (const std::int32_t triangle : patches.triangles_around(points.main_node(point))) {
+      const int own = patches.patch_of_point(point), other = patches.patch_of_triangle(triangle);
+      EXPECT_FALSE(patches.can_touch(own, other)) << "point " << point << ", triangle " << triangle;
+      joined += own != other ? 1 : 0;
+    }
+  }
+  EXPECT_GT(joined, 0);
 }
 
 // Two fingers cross each other, and one is partly inside the other. They come apart at 1 m/s at most, to the nearer
