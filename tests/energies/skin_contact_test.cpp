@@ -270,7 +270,7 @@ TEST(SkinContact, SkinThatIsNearAlongTheSurfaceDoesNotTouch) {
 
 // A block with edges of 40 mm, divided into two fingers.
 TEST(SkinContact, ATriangleDoesNotTouchItsOwnCorners) {
-  HandModel hand = two_fingers({3, 1, 1}, {0.12, 0.006, 0.006}, {.position = {0.2, 0, 0}});
+  HandModel hand = two_fingers({3, 1, 1}, {0.12, 0.03, 0.03}, {.position = {0.2, 0, 0}});
   for (std::size_t n = 0; n < hand.nodes.size(); ++n) {
     if (hand.nodes[n].x() > 0.06 && hand.nodes[n].x() < 0.15)
       hand.node_body[n] = static_cast<std::uint8_t>(index_of(Body::ring_distal));
