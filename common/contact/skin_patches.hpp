@@ -67,8 +67,8 @@ class SkinPatches {
     return around_[static_cast<std::size_t>(node)];
   }
 
-  /// Lists the pairs of patches that can touch, and whose nodes are within `margin` m of each other or less than that
-  /// by their bounding boxes. One query for each pair of parts. Does not allocate.
+  /// Lists the pairs of patches that can touch and whose bounding boxes come within `margin` m of each other. One query
+  /// for each pair of parts. Does not allocate.
   void find_near(const Eigen::Matrix3Xd& positions, double margin);
   /// Bounds the paths of the nodes from `starts` to `ends`. Returns the pairs of the last `find_near` that come within
   /// `margin` m of each other, always in the same order.

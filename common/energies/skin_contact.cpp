@@ -71,19 +71,17 @@ std::array<Complex3, 4> complex_gradient(const ContactAnchor& anchor, const std:
   return result;
 }
 
-// By triangle of the surface: its tetrahedron.
-std::vector<std::int32_t> behind(const TissueModel& model) {
+// By triangle of the surface: the corners of its tetrahedron.
+std::vector<std::array<std::int32_t, 4>> behind_triangles(const TissueModel& model) {
   const auto sorted = [](std::array<std::int32_t, 3> face) {
     std::ranges::sort(face);
     return face;
   };
-  std::map<std::array<std::int32_t, 3>, std::int32_t> of_face;
-  for (std::size_t t = 0; t < model.tetrahedra.size(); ++t) {
-    const auto& x = model.tetrahedra[t];
-    for (const auto& face : kTetrahedronFaces)
-      of_face[sorted({x[face[0]], x[face[1]], x[face[2]]})] = static_cast<std::int32_t>(t);
+  std::map<std::array<std::int32_t, 3>, std::array<std::int32_t, 4>> of_face;
+  for (const auto& t : model.tetrahedra) {
+    for (const auto& f : kTetrahedronFaces) of_face[sorted({t[f[0]], t[f[1]], t[f[2]]})] = t;
   }
-  std::vector<std::int32_t> result;
+  std::vector<std::array<std::int32_t, 4>> result;
   for (const auto& triangle : model.surface) result.push_back(of_face.at(sorted(triangle)));
   return result;
 }
@@ -103,9 +101,9 @@ SkinContact::SkinContact(const TissueModel& model, const std::vector<double>& no
       corner_blocks_(model.surface.size()),
       has_anchor_(static_cast<std::size_t>(points_.count()) * static_cast<std::size_t>(search_.patches().part_count()),
                   0),
-      tetrahedra_(model.tetrahedra),
-      tetrahedron_of_triangle_(behind(model)) {
-  for (const SkinPoint& point : model.contact_points) tetrahedron_of_point_.push_back(point.tetrahedron);
+      behind_triangle_(behind_triangles(model)) {
+  for (const SkinPoint& point : model.contact_points)
+    behind_point_.push_back(model.tetrahedra[static_cast<std::size_t>(point.tetrahedron)]);
   for (const double each : object_frictions_) checked(each, false, "friction");
   if (std::max(0, search_.patches().part_count() - kFirstSoftPart) != static_cast<int>(object_frictions_.size()))
     throw std::invalid_argument("skin contact: expected one friction coefficient for each flexible object");
@@ -141,15 +139,12 @@ bool SkinContact::cannot_begin(int point, int part) {
   return std::min(own, part) < kFirstSoftPart && passing(object);
 }
 
-// Whether the tissue of a hand behind the point or behind the triangle is inverted at the start of the step. Such skin
-// looks inward. Its contacts would pull the parts into each other and invert more tissue.
-bool SkinContact::is_turned(int point, int triangle) const {
-  const auto inverted = [this](std::int32_t t) {
-    return tetrahedron_volume(search_.starts(), tetrahedra_[static_cast<std::size_t>(t)]) < 0;
-  };
+// Whether the tissue of a hand behind the point or behind the triangle is inverted at the start of the step. Folded
+// flexible objects keep their contacts, because they rest on hands until they get their shape back as a whole.
+bool SkinContact::is_inverted(int point, int triangle) const {
   if (std::max(skin_part(points_[point].body), search_.part_of_triangle(triangle)) >= kFirstSoftPart) return false;
-  return inverted(tetrahedron_of_point_[static_cast<std::size_t>(point)]) ||
-         inverted(tetrahedron_of_triangle_[static_cast<std::size_t>(triangle)]);
+  return tetrahedron_volume(search_.starts(), behind_point_[static_cast<std::size_t>(point)]) < 0 ||
+         tetrahedron_volume(search_.starts(), behind_triangle_[static_cast<std::size_t>(triangle)]) < 0;
 }
 
 void SkinContact::add_pattern(BlockPattern& pattern) const {
@@ -180,8 +175,8 @@ SkinAnchor* SkinContact::create(const SkinCandidate& candidate) {
     ++dropped_;
     return nullptr;
   }
-  if (is_turned(candidate.point, candidate.triangle)) {
-    found_deep_ = true;  // it may be far inside when its tissue is turned back
+  if (is_inverted(candidate.point, candidate.triangle)) {
+    found_deep_ = true;  // it may be far inside when its tissue is no longer inverted
     return nullptr;
   }
   SkinAnchor anchor;
@@ -211,6 +206,12 @@ void SkinContact::remove_if(Ends&& ends) {
   mark_anchors();
 }
 
+// Counts the energy of a contact that ends between two steps. Returns true.
+bool SkinContact::clear(const SkinAnchor& anchor) {
+  cleared_ += anchor.normal_energy + anchor.friction_energy;
+  return true;
+}
+
 void SkinContact::mark_anchors() {
   std::fill(has_anchor_.begin(), has_anchor_.end(), std::uint8_t{0});
   for (const SkinAnchor& anchor : anchors_) has_anchor(anchor.point, anchor.slot) = 1;
@@ -224,12 +225,11 @@ void SkinContact::begin_step(const State& state, double time_step) {
   time_step_ = time_step;
   found_deep_ = false;
   search_.begin_step(state, time_step, is_deep_ ? SkinPatches::deepest : kReach);
-  remove_if([this](const SkinAnchor& anchor) {
-    const bool ends = is_turned(anchor.point, anchor.triangle);
-    if (ends) cleared_ += anchor.normal_energy + anchor.friction_energy;
-    found_deep_ = found_deep_ || ends;
-    return ends;
-  });
+  const auto inverted = [this](const SkinAnchor& anchor) { return is_inverted(anchor.point, anchor.triangle); };
+  if (std::ranges::any_of(anchors_, inverted)) {
+    remove_if([&](const SkinAnchor& anchor) { return inverted(anchor) && clear(anchor); });
+    found_deep_ = true;
+  }
   search_.for_each_predicted([this](int point, int part) { return cannot_begin(point, part); },
                              [this](const SkinCandidate& candidate) {
                                found_deep_ = found_deep_ || candidate.recess > kReach;
@@ -280,7 +280,6 @@ bool SkinContact::revise(const State& state) {
 
 void SkinContact::end_step(State& state) {
   in_step_ = false;
-  is_deep_ = false;
   flow_ = {.work = -std::exchange(cleared_, 0.0)};
   remove_if([&](SkinAnchor& anchor) {
     const SkinFrame frame = search_.frame(anchor.triangle, state.node_positions);
@@ -291,7 +290,7 @@ void SkinContact::end_step(State& state) {
     const bool stays = slide(anchor, drag.norm(), frame, state);
     const AnchorOffset settled = offset(anchor, state);
     settle(anchor, settled);
-    is_deep_ = is_deep_ || anchor.recess > 0;
+    found_deep_ = found_deep_ || anchor.recess > 0;
     if (stays && !anchor_law::ends(anchor, settled.depth)) return false;
     flow_.anchoring -= anchor.normal_energy + anchor.friction_energy;
     return true;
@@ -304,12 +303,12 @@ void SkinContact::end_step(State& state) {
     if (o.depth < -kReach) {
       anchor.recess = -o.depth;
       anchor.anchor += o.depth * anchor.normal;
-      is_deep_ = true;
+      found_deep_ = true;
     }
     passed = passed || anchor.recess > SkinPatches::deepest;
     settle(anchor, offset(anchor, state));
   });
-  is_deep_ = is_deep_ || found_deep_;
+  is_deep_ = found_deep_;
   // Part of a finger was thrown through another one. Nothing pulls it back from the far side.
   if (passed) remove_if([](const SkinAnchor& anchor) { return anchor.recess > SkinPatches::deepest; });
   for (SkinAnchor& anchor : anchors_) {
@@ -419,21 +418,17 @@ void SkinContact::load(const Memory& memory) {
 
 void SkinContact::reset() {
   cancel_step();
-  for (const SkinAnchor& anchor : anchors_) cleared_ += anchor.normal_energy + anchor.friction_energy;
-  anchors_.clear();
-  mark_anchors();
+  remove_if([this](const SkinAnchor& anchor) { return clear(anchor); });
   is_deep_ = true;
 }
 
-void SkinContact::release(std::span<const std::uint8_t> nodes) {
+void SkinContact::release_moved(const State& state) {
   cancel_step();
+  const auto moved = [&](std::int32_t node) { return state.node_positions.col(node) != search_.ends().col(node); };
   remove_if([&](const SkinAnchor& anchor) {
-    const bool ends = points_.is_marked(anchor.point, nodes) ||
-                      std::ranges::any_of(search_.corners(anchor.triangle), [nodes](std::int32_t node) {
-                        return nodes[static_cast<std::size_t>(node)] != 0;
-                      });
-    if (ends) cleared_ += anchor.normal_energy + anchor.friction_energy;
-    return ends;
+    return (std::ranges::any_of(points_.nodes(anchor.point), moved) ||
+            std::ranges::any_of(search_.corners(anchor.triangle), moved)) &&
+           clear(anchor);
   });
   is_deep_ = true;
 }

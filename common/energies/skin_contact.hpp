@@ -4,9 +4,9 @@
 //   U = sum 1/2 k min(0, u)^2 + CoulombSpring(k min(mu, 1), mu f_n)(|T e - s_0|),   k = 1/2 k_c A
 //   u = n . e,   e = R^T (x_p - x_t) - a,   T = 1 - n n^T
 //
-// x_p is a contact point of the skin (contact/contact_point.hpp) with area A. (x_t, R) is the frame of a triangle of
-// the skin (contact/skin_frame.hpp). a and n are the anchor on that triangle and its normal, in this frame. Degrees of
-// freedom: the nodes of the point and the corners of the triangle. Units: J, m, m^2, N, N/m^3.
+// x_p is a contact point of the skin with area A (contact/contact_point.hpp). R is the orientation of a triangle of the
+// skin, and x_t its place (contact/skin_frame.hpp). In this frame, a is the anchor on the triangle and n its normal.
+// Degrees of freedom: the nodes of the point and the corners of the triangle. Units: J, m, m^2, N, N/m^3.
 //
 // The anchor follows the law of contact with objects (contact/anchor_law.hpp). contact.hpp and friction.hpp list what
 // that law changes in the source. The following comes in addition.
@@ -23,6 +23,9 @@
 //
 // A contact begins at the first triangle that the point crosses in a step, at any speed. A point that starts inside
 // moves out at 0.8 m/s at most.
+//
+// Skin over an inverted tetrahedron of a hand touches no skin. It looks inward, so its contacts would pull the parts
+// into each other and invert more tissue.
 #pragma once
 
 #include <cstdint>
@@ -81,9 +84,9 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   void load(const Memory& memory);
   /// All contacts end. Call it after nodes were teleported. The next step looks for points that are far inside.
   void reset();
-  /// The contacts of the marked nodes end: of their points and of their triangles. `nodes`: one mark per node. Call it
-  /// after these nodes were put elsewhere. The next step looks for points that are far inside.
-  void release(std::span<const std::uint8_t> nodes);
+  /// Ends the contacts of all nodes that are not in `state` where the last step left them: those of their points and
+  /// of their triangles. Call it after nodes were put elsewhere. The next step looks for points that are far inside.
+  void release_moved(const State& state);
   /// While `on`, no contact begins between the hands and a flexible object. Present contacts stay.
   void set_passing(int object, bool on);
   bool passing(int object) const { return (passing_ >> object & 1U) != 0; }
@@ -114,13 +117,14 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   }
   double friction_of(int point, int part) const;
   bool cannot_begin(int point, int part);
-  bool is_turned(int point, int triangle) const;
+  bool is_inverted(int point, int triangle) const;
   SkinAnchor* create(const SkinCandidate& candidate);
   void begin_anchor(SkinAnchor& anchor, const Vector3& end, const Eigen::Matrix3Xd& end_positions);
   template <typename Found>
   void find_crossed(const State& state, Found&& found);
   template <typename Ends>
   void remove_if(Ends&& ends);
+  bool clear(const SkinAnchor& anchor);
   void mark_anchors();
   void account(SkinAnchor& anchor, const SkinFrame& frame, const AnchorOffset& end, const Vector3& push,
                const Vector3& drag, const State& state);
@@ -140,13 +144,12 @@ class SkinContact final : public EnergyWithMemory<SkinContact> {
   SkinSearch search_;
   std::vector<std::array<BlockSlot, 6>> corner_blocks_;  // by triangle: (0,0), (1,0), (1,1), (2,0), (2,1), (2,2)
   std::vector<SkinAnchor> anchors_;
-  std::vector<std::uint8_t> has_anchor_;  // by (point, part)
-  std::vector<std::array<std::int32_t, 4>> tetrahedra_;
-  std::vector<std::int32_t> tetrahedron_of_point_, tetrahedron_of_triangle_;
+  std::vector<std::uint8_t> has_anchor_;                                     // by (point, part)
+  std::vector<std::array<std::int32_t, 4>> behind_point_, behind_triangle_;  // corners of the tetrahedron
   std::uint32_t passing_ = 0;
   double time_step_ = 0;
   bool is_deep_ = true;
-  bool found_deep_ = false;  // in this step
+  bool found_deep_ = false;  // in this step: the next one looks for points that are far inside
   double dissipated_ = 0;
   double cleared_ = 0;  // energy of the contacts removed since the last step, J
   // For `cancel_step`: as before the step.

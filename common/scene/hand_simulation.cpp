@@ -118,10 +118,6 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
     if (soft_) soft_->use(*between_);
     terms_.push_back(std::move(between));
   }
-  for_each_skin([this](SkinContact&) {
-    positions_before_untangling_ = state_.node_positions;
-    put_back_.assign(static_cast<std::size_t>(state_.node_positions.cols()), 0);
-  });
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
     auto planes = std::make_unique<PlaneContact>(layout, bones, mirrored_slots_);
     planes_ = planes.get();
@@ -398,8 +394,6 @@ StepReport HandSimulation::step(double time_step) {
 }
 
 void HandSimulation::untangle(const StepReport& report, double time_step) {
-  const bool skin_touches_skin = !put_back_.empty();
-  if (skin_touches_skin) positions_before_untangling_ = state_.node_positions;
   int moved = 0;
   for (const auto& hand : hands_) {
     double energy = 0;
@@ -409,12 +403,7 @@ void HandSimulation::untangle(const StepReport& report, double time_step) {
   }
   if (soft_) moved += soft_->untangle(state_, time_step, report.status == StepStatus::converged);
   if (moved == 0) return;
-  if (skin_touches_skin) {
-    for (Eigen::Index n = 0; n < state_.node_positions.cols(); ++n)
-      put_back_[static_cast<std::size_t>(n)] =
-          state_.node_positions.col(n) != positions_before_untangling_.col(n) ? 1 : 0;
-    for_each_skin([this](SkinContact& skin) { skin.release(put_back_); });
-  }
+  for_each_skin([this](SkinContact& skin) { skin.release_moved(state_); });
   untangled_nodes_ += static_cast<std::uint64_t>(moved);
   untangled_ = true;
   stored_is_valid_ = false;

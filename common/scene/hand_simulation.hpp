@@ -291,8 +291,6 @@ class HandSimulation {
   bool restored_ = false;  // `restore` was called since the last step
   std::uint64_t untangled_nodes_ = 0;
   bool untangled_ = false;  // nodes were put back after the last step
-  Eigen::Matrix3Xd positions_before_untangling_;
-  std::vector<std::uint8_t> put_back_;  // per node: its place changed; empty if skin does not touch skin
   std::unique_ptr<NewtonSolver> solver_;
   StepGuess guess_;
   std::vector<Vector3> bone_contact_forces_;  // by bone of all hands
