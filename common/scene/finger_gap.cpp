@@ -4,14 +4,20 @@
 #include <limits>
 #include <vector>
 
+#include "energies/skeleton_contact.hpp"
+
 namespace softhand {
 namespace {
 
 struct Axis {
-  Finger finger;
   Vector3 begin, along;
   double radius;
 };
+
+Axis axis_of(const BoneCapsule& bone, const State& state) {
+  const Vector3 begin = bone.begin_in(state);
+  return {begin, bone.end_in(state) - begin, bone.radius};
+}
 
 // Ericson, Real-Time Collision Detection, 5.1.9. No axis has zero length.
 double distance(const Axis& a, const Axis& b) {
@@ -24,39 +30,30 @@ double distance(const Axis& a, const Axis& b) {
   return (r + s * a.along - t * b.along).norm();
 }
 
-double gap(const Axis& a, const Axis& b) { return distance(a, b) - a.radius - b.radius; }
-
-std::vector<Axis> axes_of(const HandModel& hand, int first_body, const State& state, bool with_metacarpals) {
-  std::vector<Axis> axes;
-  for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const Body body = static_cast<Body>(b);
-    if (finger_of(body) == Finger::palm || (is_metacarpal(body) && !with_metacarpals)) continue;
-    const BodyModel& model = hand.bodies[b];
-    const Pose joint = state.body_poses[static_cast<std::size_t>(first_body) + b] * model.joint_from_body.inverse();
-    axes.push_back({finger_of(body), joint * model.bone_start,
-                    joint.orientation * Vector3(model.bone_end - model.bone_start),
-                    std::min(model.bone_start_radius, model.bone_end_radius)});
-  }
-  return axes;
+double gap(const BoneCapsule& a, const BoneCapsule& b, const State& state) {
+  return distance(axis_of(a, state), axis_of(b, state)) - a.radius - b.radius;
 }
 
 }  // namespace
 
 double finger_gap(const HandModel& hand, const State& state, int first_body) {
-  const std::vector<Axis> axes = axes_of(hand, first_body, state, false);
+  const std::vector<BoneCapsule> bones = bone_capsules(hand, first_body);
   double least = std::numeric_limits<double>::infinity();
-  for (std::size_t i = 0; i < axes.size(); ++i) {
-    for (std::size_t k = 0; k < i; ++k)
-      if (axes[i].finger != axes[k].finger) least = std::min(least, gap(axes[i], axes[k]));
+  for (const BoneCapsule& a : bones) {
+    for (const BoneCapsule& b : bones) {
+      if (a.body > b.body && a.finger != b.finger && !a.is_metacarpal && !b.is_metacarpal)
+        least = std::min(least, gap(a, b, state));
+    }
   }
   return least;
 }
 
 double hands_gap(const HandModel& one, int first_body_of_one, const HandModel& two, int first_body_of_two,
                  const State& state) {
+  const std::vector<BoneCapsule> others = bone_capsules(two, first_body_of_two);
   double least = std::numeric_limits<double>::infinity();
-  for (const Axis& a : axes_of(one, first_body_of_one, state, true)) {
-    for (const Axis& b : axes_of(two, first_body_of_two, state, true)) least = std::min(least, gap(a, b));
+  for (const BoneCapsule& a : bone_capsules(one, first_body_of_one)) {
+    for (const BoneCapsule& b : others) least = std::min(least, gap(a, b, state));
   }
   return least;
 }

@@ -14,6 +14,7 @@
 #include "energies/object_joint.hpp"
 #include "energies/other_hands.hpp"
 #include "energies/plane_contact.hpp"
+#include "energies/skeleton_contact.hpp"
 #include "energies/skin_contact.hpp"
 #include "energies/tissue.hpp"
 #include "math/low_pass.hpp"
@@ -117,6 +118,13 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
     between_ = between.get();
     if (soft_) soft_->use(*between_);
     terms_.push_back(std::move(between));
+  }
+  if (options.skin_contact || hand_count() > 1) {
+    std::vector<std::vector<BoneCapsule>> capsules;
+    for (const auto& hand : hands_) capsules.push_back(bone_capsules(hand->model(), hand->first_body()));
+    auto skeleton_contact = std::make_unique<SkeletonContact>(capsules, options.skin_contact, layout);
+    skeleton_contact_ = skeleton_contact.get();
+    terms_.push_back(std::move(skeleton_contact));
   }
   if (mirrored_slots_ > 0 && object_spring.linear_stiffness == 0) {
     auto planes = std::make_unique<PlaneContact>(layout, bones, mirrored_slots_);
@@ -374,6 +382,7 @@ StepReport HandSimulation::step(double time_step) {
   }
   if (soft_) soft_->update_passing(state_, passes_through_);
   if (between_ != nullptr) between_->set_hands_passing(passes_through_);
+  if (skeleton_contact_ != nullptr) skeleton_contact_->set_hands_passing(passes_through_);
   solver_->measure_work(ledger_enabled_, ledger_enabled_ && !stored_is_valid_);
   const StepReport report = solver_->step(state_, time_step);
   if (report.timing.factorisation > 0) ++factorised_steps_;

@@ -32,6 +32,7 @@
 namespace softhand {
 
 class BodyCoupling;
+class SkeletonContact;
 class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
@@ -284,6 +285,7 @@ class HandSimulation {
   Inertia* inertia_ = nullptr;
   BodyCoupling* object_coupling_ = nullptr;
   SkinContact* between_ = nullptr;  // as `skin_between`
+  SkeletonContact* skeleton_contact_ = nullptr;
   PlaneContact* planes_ = nullptr;
   OtherHands* other_hands_ = nullptr;    // null: only these hands touch objects, or mode symmetric
   ObjectJointEnergy* joints_ = nullptr;  // null: no joints between objects

@@ -1,4 +1,4 @@
-softhand_test(energies ${CMAKE_CURRENT_LIST_DIR}/contact_test.cpp
+softhand_test(energies ${CMAKE_CURRENT_LIST_DIR}/skeleton_contact_test.cpp ${CMAKE_CURRENT_LIST_DIR}/contact_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/contact_derivatives_test.cpp ${CMAKE_CURRENT_LIST_DIR}/contact_plane_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/friction_test.cpp ${CMAKE_CURRENT_LIST_DIR}/sharp_point_test.cpp
   ${CMAKE_CURRENT_LIST_DIR}/ledger_test.cpp ${CMAKE_CURRENT_LIST_DIR}/object_joint_test.cpp

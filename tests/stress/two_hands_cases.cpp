@@ -98,11 +98,7 @@ std::vector<Case> two_hands_cases() {
   for (const double mass : {0.001, 0.2, 1.0})
     rows->push_back({named("mass", mass, "kg"), [=] { return one_object(mass); }, {}, mass == 0.2});
   rows = &cases.add("hands_through", "the hands go through each other, and come apart without a bang");
-  rows->push_back({"speed = 5 m/s",
-                   [] { return through_each_other(5); },
-                   {Class::violated,
-                    "bones touch nothing: the couplings press each hand with 99 N, and the tissue between the bones of "
-                    "both hands gives way"}});
+  rows->push_back({"speed = 5 m/s", [] { return through_each_other(5); }});
   cases.add("hands_inside_at_start", "the hands come apart without a bang")
       .push_back({"8 mm", [] { return inside_at_the_start(); }, {}, true});
   return cases.take();
