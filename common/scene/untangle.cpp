@@ -19,8 +19,10 @@ constexpr std::array<int, 6> kRings{1, 2, 4, 8, 16, 1000};
 constexpr double kExtraRelease = 0.1;   // relative extra energy that a larger region must release
 constexpr double kReleasedShare = 0.5;  // share of the energy that must be released if it exceeds `mirrored_energy_`
 constexpr double kReleasedTangledShare = 0.5;  // share of the tangled tetrahedra's energy that must be released
-constexpr int kClustersPerFullCheck = 2;       // each costs a dozen evaluations of the tissue's energy
-constexpr std::uint8_t kPause = 4;             // full checks to skip after a try that released nothing
+// J that putting back a hook may cost: a bone may pull it with all of its coupling's force, 20 N, over 10 mm.
+constexpr double kHookCost = 0.2;
+constexpr int kClustersPerFullCheck = 2;  // each costs a dozen evaluations of the tissue's energy
+constexpr std::uint8_t kPause = 4;        // full checks to skip after a try that released nothing
 
 Vector3 nearest_on_segment(const Vector3& from, const Vector3& to, const Vector3& point) {
   const Vector3 along = to - from;
@@ -212,8 +214,9 @@ int Untangler::grow() {
 }
 
 // Puts back the tangled tetrahedra that are connected with `seed`, and as many rings around them as release the most
-// energy. A hook may store its energy in bones that it keeps from their targets. So if the cluster has a hook, the
-// energy released by tissue and contact does not decide whether it is put back. It only selects the number of rings.
+// energy. A hook may store its energy in bones that it keeps from their targets. So a cluster with a hook is also put
+// back if tissue and contact release nothing. But soft skin that is pressed bulges behind an edge. It would need much
+// more energy there if it had its shape of rest.
 int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   State& state = view.state;
   std::fill(move_.begin(), move_.end(), 0);
@@ -241,7 +244,7 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   const double before = stored(view);
   positions_ = own(state.node_positions);
   velocities_ = own(state.node_velocities);
-  double most = hooks ? -std::numeric_limits<double>::infinity() : kReleasedTangledShare * tangled_energy;
+  double most = hooks ? -kHookCost : kReleasedTangledShare * tangled_energy;
   bool found = false;
   int rings = 0;
   for (const int ring_count : kRings) {
