@@ -93,6 +93,16 @@ struct HandAnatomy {
 
 /// All data are in its bases, which can be visited member by member (messages/members.hpp).
 struct HandModel : HandAnatomy, TissueModel {
+  using TissueModel::position_of;
+  /// The rest position of a vertex of the display skin.
+  Vector3 position_of(const SkinVertex& vertex) const {
+    Vector3 position = Vector3::Zero();
+    for (std::size_t k = 0; k < 4; ++k) {
+      const std::int32_t node = tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k];
+      position += static_cast<double>(vertex.weights[k]) * nodes[static_cast<std::size_t>(node)];
+    }
+    return position;
+  }
   /// The body frame in the rest frame.
   Pose body_rest_pose(Body body) const {
     return rest_joints[static_cast<std::size_t>(index_of(joint_of(body)))] *

@@ -62,6 +62,30 @@ JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const J
   return out;
 }
 
+std::vector<Vector3> distal_skin(const HandModel& hand, Finger finger) {
+  constexpr double kFromJoint = 0.2;  // of the phalanx's length: skin nearer to the joint also follows the other bone
+  constexpr double kNear = 2;         // radii of the tip; the palm is farther
+  const auto bone_distance = [&](Finger f, const Vector3& point) {
+    const Vector3& joint = hand.rest_joints[slot_of(joint_of(distal_of(f)))].position;
+    const Vector3 bone = hand.rest_joints[slot_of(tip_of(f))].position - joint;
+    const double share = std::clamp((point - joint).dot(bone) / bone.squaredNorm(), 0.0, 1.0);
+    return (point - joint - share * bone).norm();
+  };
+  const Pose to_joint = hand.rest_joints[slot_of(joint_of(distal_of(finger)))].inverse();
+  const std::size_t tip = slot_of(tip_of(finger));
+  const double length = (to_joint * hand.rest_joints[tip].position).norm();
+  std::vector<Vector3> skin;
+  for (const SkinVertex& vertex : hand.skin_vertices) {
+    const Vector3 place = hand.position_of(vertex), in_joint = to_joint * place;
+    const double distance = bone_distance(finger, place);
+    if (in_joint.z() > -kFromJoint * length || distance > kNear * hand.joint_radii[tip]) continue;
+    bool nearest = true;
+    for (int f = 0; f < kFingerCount; ++f) nearest &= bone_distance(static_cast<Finger>(f), place) >= distance;
+    if (nearest) skin.push_back(in_joint);
+  }
+  return skin;
+}
+
 Vector3 pad_in_distal(const HandModel& hand, Finger finger) {
   const Body distal = distal_of(finger);
   const Joint joint = joint_of(distal), tip = tip_of(finger);
@@ -70,9 +94,7 @@ Vector3 pad_in_distal(const HandModel& hand, Finger finger) {
   const double radius = 0.5 * (hand.joint_radii[slot_of(joint)] + hand.joint_radii[slot_of(tip)]);
   Vector3 pad(0, -radius, -0.6 * length);
   double lowest = 0;
-  for (std::size_t n = 0; n < hand.node_body.size(); ++n) {
-    if (hand.node_body[n] != index_of(distal)) continue;
-    const Vector3 x = to_joint * hand.nodes[n];
+  for (const Vector3& x : distal_skin(hand, finger)) {
     if (x.z() < -0.9 * length || x.z() > -0.3 * length || std::abs(x.x()) > 0.6 * radius || x.y() >= lowest) continue;
     lowest = x.y();
   }

@@ -23,8 +23,12 @@ JointAngles open_hand(const HandModel& hand);
 /// Joint frames in the parent frame of `wrist`. Tips and palm move with their bodies.
 JointFrames forward_kinematics(const HandModel& hand, const Pose& wrist, const JointAngles& angles);
 
+/// The vertices of the display skin around the distal bone, at rest, in that bone's joint frame. Empty if the hand has
+/// no display skin. The skin is the same for all meshes of a hand, up to the rounding of its weights.
+std::vector<Vector3> distal_skin(const HandModel& hand, Finger finger);
+
 /// The contact point of a finger pad: the most palmar skin over the middle of the distal bone, in that bone's joint
-/// frame. It is computed from the mesh, or from the joint radii if the hand has no mesh.
+/// frame. It is computed from the display skin, or from the joint radii if the hand has none.
 Vector3 pad_in_distal(const HandModel& hand, Finger finger);
 
 }  // namespace softhand

@@ -35,6 +35,20 @@ TEST(Kinematics, RestAnglesGiveTheRestPoseAndFlexionBendsTowardsThePalm) {
   }
 }
 
+void expect_correct_derivative(PostureSolver& solver, const PostureSolver::Goals& goals, std::size_t name) {
+  VectorX values = solver.values(), gradient, unused;
+  for (Eigen::Index i = 0; i < values.size(); ++i) values[i] += 0.1 * std::sin(1.0 + 3.0 * static_cast<double>(i));
+  EXPECT_GT(solver.evaluate(values, goals, gradient), 1e-4) << name;
+  for (Eigen::Index i = 0; i < values.size(); ++i) {
+    constexpr double kStep = 1e-6;
+    VectorX up = values, down = values;
+    up[i] += kStep;
+    down[i] -= kStep;
+    const double slope = (solver.evaluate(up, goals, unused) - solver.evaluate(down, goals, unused)) / (2 * kStep);
+    EXPECT_NEAR(gradient[i], slope, 1e-5 * (1 + gradient.norm())) << "goal " << name << " value " << i;
+  }
+}
+
 TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
   const HandModel hand = opposing_hand();
   const GripHand grip(hand);
@@ -70,20 +84,22 @@ TEST(PostureSolver, EveryGoalHasACorrectDerivative) {
         s.add_start_goal(1.5);
         s.add_wrist_rotation_goal(3);
       }};
-  for (std::size_t g = 0; g < goals.size(); ++g) {
-    VectorX values = solver.values(), gradient, unused;
-    for (Eigen::Index i = 0; i < values.size(); ++i) values[i] += 0.1 * std::sin(1.0 + 3.0 * static_cast<double>(i));
-    EXPECT_GT(solver.evaluate(values, goals[g], gradient), 1e-4) << g;
-    for (Eigen::Index i = 0; i < values.size(); ++i) {
-      constexpr double kStep = 1e-6;
-      VectorX up = values, down = values;
-      up[i] += kStep;
-      down[i] -= kStep;
-      const double slope =
-          (solver.evaluate(up, goals[g], unused) - solver.evaluate(down, goals[g], unused)) / (2 * kStep);
-      EXPECT_NEAR(gradient[i], slope, 1e-5 * (1 + gradient.norm())) << "goal " << g << " value " << i;
-    }
-  }
+  for (std::size_t g = 0; g < goals.size(); ++g) expect_correct_derivative(solver, goals[g], g);
+}
+
+TEST(PostureSolver, TheGoalOfATouchHasACorrectDerivativeAlsoWhereThePadRolls) {
+  const HandModel hand = load_hand(std::string(SOFTHAND_SOURCE_DIR) + "/config/hands/right_400.hand.json");
+  const GripHand grip(hand);
+  PostureSolver solver(grip, Pose{Vector3(0.02, 0.05, 0.1), rotation_exp(Vector3(0.4, -0.2, 0.3))}, {grip.open()});
+  solver.free_wrist();
+  solver.free_finger(Finger::index, {0});
+  expect_correct_derivative(
+      solver,
+      [](PostureSolver& s) {
+        const auto pad = s.pad(Finger::index, 0);
+        s.add_touch_goal(20, 0, pad.touch(Vector3(0.6, -0.8, 0)), Vector3(0.1, 0.2, 0.3));
+      },
+      0);
 }
 
 }  // namespace

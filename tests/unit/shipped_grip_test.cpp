@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "messages/convert.hpp"
+#include "model/kinematics.hpp"
 #include "trackers/replay/posture_solver.hpp"
 #include "unit/opposing_hand.hpp"
 
@@ -27,11 +28,26 @@ INSTANTIATE_TEST_SUITE_P(Hands, ShippedGrip,
                          ::testing::Values(ShippedHand{"right_400", false}, ShippedHand{"right_1450", false},
                                            ShippedHand{"right_1450", true}));
 
-// The point where the round distal phalanx touches a face with the normal -`towards`.
+// Where the skin of the distal phalanx touches a face with the normal -`towards` first. Across the face it is the mean
+// place of the skin within half a millimetre of the first touch.
 Vector3 touch(const HandModel& hand, Finger finger, const JointFrames& frames, const Vector3& towards) {
-  const Vector3 pad_place = pad_in_distal(hand, finger);
-  return frames[slot_of(joint_of(distal_of(finger)))] * Vector3(pad_place.x(), 0, pad_place.z()) -
-         pad_place.y() * towards;
+  constexpr double kDepth = 0.5e-3;  // m
+  const std::size_t joint = slot_of(joint_of(distal_of(finger)));
+  std::vector<Vector3> skin = distal_skin(hand, finger);
+  double first = -1;
+  for (Vector3& place : skin) {
+    place = frames[joint] * place;
+    first = std::max(first, place.dot(towards));
+  }
+  Vector3 sum = Vector3::Zero();
+  double count = 0;
+  for (const Vector3& place : skin) {
+    if (place.dot(towards) < first - kDepth) continue;
+    sum += place;
+    ++count;
+  }
+  sum /= count;
+  return sum + (first - sum.dot(towards)) * towards;
 }
 // The least clearance between the object of `distance` and the capsules of all bodies from the metacarpals on. Bodies
 // for which `is_excluded` is true do not count.
@@ -80,13 +96,18 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
     return Vector3(touch(hand, Finger::thumb, frames, -Vector3::UnitZ()) -
                    touch(hand, Finger::index, frames, Vector3::UnitZ()));
   };
+  constexpr double kAcross = 3e-3;  // m; points of the skin are 2 mm apart, on each pad
+  const auto expect_gap = [&](const Vector3& found) {
+    EXPECT_NEAR(found.z(), o.object_width - 2 * o.closing_depth, 1e-3);
+    EXPECT_LT(found.head<2>().norm(), kAcross);
+  };
   EXPECT_GT(gap(frames_at(open)).z(), o.object_width + 2 * least_opening - 1e-3);
   EXPECT_LT(gap(frames_at(open)).z(), o.object_width + 2 * o.opening + 1e-3);
   const JointFrames grip = frames_at(shut);
-  EXPECT_LT((gap(grip) - Vector3(0, 0, o.object_width - 2 * o.closing_depth)).norm(), 1e-3);
+  expect_gap(gap(grip));
   const Vector3 thumb = touch(hand, Finger::thumb, grip, -Vector3::UnitZ()),
                 index = touch(hand, Finger::index, grip, Vector3::UnitZ());
-  EXPECT_LT(std::abs(thumb.x()), 1e-3);
+  EXPECT_LT(std::abs(thumb.x()), kAcross);
   EXPECT_NEAR(0.5 * (thumb.y() + index.y()), 0, above);
   // The pads point at the cube's faces within 60 degrees.
   const auto normal = [&](Finger f) {
@@ -96,7 +117,7 @@ void expect_pinch(const HandModel& hand, const GeneratorOptions& o, double above
   EXPECT_GT(normal(Finger::index).z(), 0.5);
   // The lifted object stays between the pads.
   const JointFrames lifted = frames_at(shut + o.settle_time + o.lift_time + 1);
-  EXPECT_LT((gap(lifted) - Vector3(0, 0, o.object_width - 2 * o.closing_depth)).norm(), 1e-3);
+  expect_gap(gap(lifted));
 
   const auto cube = [&](const Vector3& p) {
     const Vector3 q = p.cwiseAbs() - Vector3::Constant(half);
@@ -310,9 +331,9 @@ TEST(Generator, RefusesAPinchThatDoesNotGripAndNamesWhatIsMissing) {
     }
     return "none";
   };
-  EXPECT_NE(refusal(0.08).find("the pad of the thumb is turned from its face by"), std::string::npos) << refusal(0.08);
+  EXPECT_NE(refusal(0.2).find("the pad of the thumb is turned from its face by"), std::string::npos) << refusal(0.2);
   EXPECT_NE(refusal(0.01).find("the pads touch at a height"), std::string::npos) << refusal(0.01);
-  EXPECT_EQ(refusal(0.07), "none");
+  EXPECT_EQ(refusal(0.08), "none");
 }
 
 }  // namespace

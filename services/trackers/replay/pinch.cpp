@@ -13,7 +13,7 @@ namespace {
 constexpr double kClear = 4.5e-3;    // m, clearance of everything that does not grip
 constexpr double kBodyClear = 2e-3;  // m, from a vessel; its handle leaves little room
 constexpr double kBeside = 17e-3;    // m, from the index finger to the bracing middle finger along the bar
-constexpr double kAbove = 2e-3;      // m, height of the pads above the middle: room for the fingertips
+constexpr double kAbove = 3e-3;      // m, height of the pads above the middle: room for the fingertips
 constexpr std::size_t kShut = 0, kWide = 1;
 
 struct Distance {
@@ -37,14 +37,9 @@ Distance outside_bar(const Vector3& point, double half, double half_length) {
 }
 
 // Posture of thumb and index finger with pads `distance` apart that face each other as well as possible. Ignores all
-// other goals.
+// other goals. Starts from several bends of the index finger, and takes the posture whose pads face each other best.
 JointAngles facing_pads(const GripHand& hand, double distance) {
-  JointAngles start = hand.open();
-  hand.flex(start, Finger::index, -0.6, -0.5, -0.3);
-  hand.flex(start, Finger::thumb, -0.1, -0.2, -0.2);
-  PostureSolver solver(hand, Pose{}, {hand.limited(start)});
-  for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
-  solver.solve([distance](PostureSolver& s) {
+  const auto goals = [distance](PostureSolver& s) {
     const auto thumb = s.pad(Finger::thumb, 0), index = s.pad(Finger::index, 0);
     const Vector3 between = index.position - thumb.position;
     const double length = between.norm();
@@ -65,8 +60,26 @@ JointAngles facing_pads(const GripHand& hand, double distance) {
                      {by_direction(0, index.body, index.along, unit), by_direction(0, thumb.body, thumb.along, -unit)});
     }
     s.add_start_goal(10);
-  });
-  return solver.angles(0);
+  };
+  constexpr double kPerGap = 0.1 * kPerMetre;  // a wrong distance of 10 mm counts like pads that look away
+  JointAngles best;
+  double best_facing = -std::numeric_limits<double>::infinity();
+  for (const auto& bend : {std::array{-0.6, -0.5, -0.3}, std::array{-0.9, -0.2, 0.0}, std::array{-0.3, -0.2, -0.1}}) {
+    JointAngles start = hand.open();
+    hand.flex(start, Finger::index, bend[0], bend[1], bend[2]);
+    hand.flex(start, Finger::thumb, -0.1, -0.2, -0.2);
+    PostureSolver solver(hand, Pose{}, {hand.limited(start)});
+    for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
+    solver.solve(goals);
+    const auto thumb = solver.pad(Finger::thumb, 0), index = solver.pad(Finger::index, 0);
+    const Vector3 between = index.position - thumb.position;
+    const double facing =
+        (thumb.normal - index.normal).dot(between.normalized()) - kPerGap * std::abs(between.norm() - distance);
+    if (facing <= best_facing) continue;
+    best_facing = facing;
+    best = solver.angles(0);
+  }
+  return best;
 }
 
 // The wrist pose that brings these pads to the grip's axis, with the wrist above the axis.
@@ -95,6 +108,14 @@ struct PinchGoals {
   double brace_depth;                 // m, of the back of the middle finger in the vessel; 0: it does not touch
   double exact = 0, clear = 0;        // weights of the pad positions and of the clearance
 
+  void keep_above_table(PostureSolver& s, std::size_t posture, const GripHand::Sphere& sphere, double weight) const {
+    const double height = sphere.centre.y() + half + free_below - sphere.radius - lower_depth;
+    if (height < kClear)
+      s.add_residual(weight, kClear - height, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
+  }
+  // From the axis of the vessel.
+  Vector3 from_axis(const Vector3& point) const { return {0, point.y(), point.z() + body_distance}; }
+
   void operator()(PostureSolver& s) const {
     for (const std::size_t posture : {kShut, kWide}) {
       place_pads(s, posture);
@@ -114,13 +135,10 @@ struct PinchGoals {
     const auto thumb = s.pad(Finger::thumb, posture), index = s.pad(Finger::index, posture);
     const double reach = gripping ? closed : open;
     const Vector3 x = Vector3::UnitX(), y = Vector3::UnitY(), z = Vector3::UnitZ();
-    const Vector3 thumb_at = thumb.touch(-z), index_at = index.touch(z);
-    const auto by_thumb = [&](const Vector3& gradient) {
-      return by_point(posture, thumb.body, thumb.centre, gradient);
-    };
-    const auto by_index = [&](const Vector3& gradient) {
-      return by_point(posture, index.body, index.centre, gradient);
-    };
+    const auto thumb_touch = thumb.touch(-z), index_touch = index.touch(z);
+    const Vector3 &thumb_at = thumb_touch.point, &index_at = index_touch.point;
+    const auto by_thumb = [&](const Vector3& gradient) { return thumb_touch.change(posture, gradient); };
+    const auto by_index = [&](const Vector3& gradient) { return index_touch.change(posture, gradient); };
     s.add_residual(exact, thumb_at.z() - reach, {by_thumb(z)});
     s.add_residual(exact, index_at.z() + reach, {by_index(z)});
     const double across = gripping ? exact : 0.1 * kPerMetre;
@@ -141,10 +159,10 @@ struct PinchGoals {
   // The middle finger is beside the index finger. Its back is on the vessel, or clear of it.
   void brace(PostureSolver& s, std::size_t posture) const {
     const auto middle = s.pad(Finger::middle, posture);
-    const Vector3 from_axis(0, middle.centre.y(), middle.centre.z() + body_distance);
-    const double wanted = body_radius + middle.radius + (posture == kShut ? -brace_depth : kBodyClear);
-    s.add_residual(exact, from_axis.norm() - wanted,
-                   {by_point(posture, middle.body, middle.centre, from_axis.normalized())});
+    const auto back = middle.touch(-from_axis(middle.centre).normalized());
+    const Vector3 out = from_axis(back.point);
+    s.add_residual(exact, out.norm() - body_radius - (posture == kShut ? -brace_depth : kBodyClear),
+                   {back.change(posture, out.normalized())});
     s.add_residual(kPerMetre, middle.centre.x() - (kBeside - 0.5 * stagger),
                    {by_point(posture, middle.body, middle.centre, Vector3::UnitX())});
     s.add_residual(0.5 * kPerMetre, middle.centre.y() - kAbove,
@@ -154,14 +172,11 @@ struct PinchGoals {
   void keep_clear(PostureSolver& s, std::size_t posture) const {
     for (const GripHand::Sphere& sphere : s.spheres(posture)) {
       const Finger whose = finger_of(sphere.body);
-      const double table = sphere.centre.y() + half + free_below - sphere.radius - lower_depth;
-      if (table < kClear)
-        s.add_residual(clear, kClear - table, {by_point(posture, sphere.body, sphere.centre, -Vector3::UnitY())});
-      const Vector3 from_axis(0, sphere.centre.y(), sphere.centre.z() + body_distance);
-      const double body = from_axis.norm() - body_radius - sphere.radius;
+      keep_above_table(s, posture, sphere, clear);
+      const Vector3 out = from_axis(sphere.centre);
+      const double body = out.norm() - body_radius - sphere.radius;
       if (body_radius > 0 && body < kBodyClear && !(brace_depth > 0 && sphere.body == distal_of(Finger::middle)))
-        s.add_residual(clear, kBodyClear - body,
-                       {by_point(posture, sphere.body, sphere.centre, -from_axis.normalized())});
+        s.add_residual(clear, kBodyClear - body, {by_point(posture, sphere.body, sphere.centre, -out.normalized())});
       // The tracked pads are as deep in the cube as they would press, and so is the bone behind them. A flat pad also
       // takes the joint of its bone into the cube. Skip both.
       const bool grips = posture == kShut && (whose == Finger::thumb || whose == Finger::index);
@@ -238,26 +253,32 @@ Postures solve_postures(const GripHand& hand, const JointAngles& facing, const P
 
 // Contact points of the pads, and the angles (rad) between the pads and the faces.
 struct Touches {
-  Vector3 thumb, index, middle;  // of the middle finger: the centre of its pad
+  Vector3 thumb, index, middle;  // of the middle finger: its back, on the vessel
   double thumb_turn, index_turn;
-  double middle_radius;
 
-  Touches(const GripHand& hand, const Pose& wrist, const JointAngles& angles) {
+  Touches(const GripHand& hand, const PinchGoals& goals, const Pose& wrist, const JointAngles& angles) {
     const JointFrames frames = forward_kinematics(hand.model(), wrist, angles);
     const auto thumb_pad = hand.pad(Finger::thumb, frames), index_pad = hand.pad(Finger::index, frames);
     const auto middle_pad = hand.pad(Finger::middle, frames);
-    thumb = thumb_pad.touch(-Vector3::UnitZ());
-    index = index_pad.touch(Vector3::UnitZ());
+    thumb = thumb_pad.touch(-Vector3::UnitZ()).point;
+    index = index_pad.touch(Vector3::UnitZ()).point;
     thumb_turn = std::acos(std::clamp(-thumb_pad.normal.z(), -1.0, 1.0));
     index_turn = std::acos(std::clamp(index_pad.normal.z(), -1.0, 1.0));
-    middle = middle_pad.centre;
-    middle_radius = middle_pad.radius;
+    middle = middle_pad.touch(-goals.from_axis(middle_pad.centre).normalized()).point;
   }
   double gap() const { return thumb.z() - index.z(); }
 };
 
+// The least clearance (m) between the bar and the fingers with their widest opening.
+double clearance(const GripHand& hand, const PinchGoals& goals, const Pose& wrist, const JointAngles& wide) {
+  double least = std::numeric_limits<double>::infinity();
+  for (const GripHand::Sphere& sphere : hand.spheres(forward_kinematics(hand.model(), wrist, wide)))
+    least = std::min(least, outside_bar(sphere.centre, goals.half, goals.half_length).value - sphere.radius);
+  return least;
+}
+
 // Names the first requirement of a pinch that the postures do not meet. Empty if they grip.
-std::string unreached(const PinchGoals& goals, const Touches& shut, const Touches& wide) {
+std::string unreached(const PinchGoals& goals, const Touches& shut, const Touches& wide, double clear) {
   constexpr double kNear = 1e-3;                   // m
   constexpr double kWidestTurn = 60 * M_PI / 180;  // rad
   const auto text = [](const char* what, double found, const char* unit, const std::string& expected) {
@@ -274,6 +295,8 @@ std::string unreached(const PinchGoals& goals, const Touches& shut, const Touche
   if (std::min(wide.thumb.z(), -wide.index.z()) < goals.half + kNear)
     return text("the open pads are apart by", wide.gap() * 1e3, "mm",
                 "at least " + millimetres(2 * (goals.half + kNear)) + " around its middle");
+  if (clear < kNear)
+    return text("the clearance of the open hand is", clear * 1e3, "mm", "at least " + millimetres(kNear));
   if (std::max(std::abs(shut.thumb.x() - 0.5 * goals.stagger), std::abs(shut.index.x() + 0.5 * goals.stagger)) > kNear)
     return text("along the bar the thumb is beyond the index finger by", (shut.thumb.x() - shut.index.x()) * 1e3, "mm",
                 millimetres(goals.stagger));
@@ -282,8 +305,7 @@ std::string unreached(const PinchGoals& goals, const Touches& shut, const Touche
     return text("the pads touch at a height above or below the middle of", height * 1e3, "mm",
                 "at most " + millimetres(goals.half) + ", the end of the faces");
   if (goals.brace_depth > 0) {
-    const double depth =
-        goals.body_radius + shut.middle_radius - std::hypot(shut.middle.y(), shut.middle.z() + goals.body_distance);
+    const double depth = goals.body_radius - goals.from_axis(shut.middle).norm();
     if (std::abs(depth - goals.brace_depth) > kNear)
       return text("the back of the middle finger is in the vessel by", depth * 1e3, "mm",
                   millimetres(goals.brace_depth));
@@ -312,14 +334,15 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
   for (const double share : {1.0, 0.75, 0.5, 0.25}) {
     goals.open = half + share * o.opening;
     best = solve_postures(hand, facing, goals);
-    missing = unreached(goals, {hand, best.wrist, best.shut}, {hand, best.wrist, best.wide});
+    missing = unreached(goals, {hand, goals, best.wrist, best.shut}, {hand, goals, best.wrist, best.wide},
+                        clearance(hand, goals, best.wrist, best.wide));
     if (missing.empty()) break;
   }
   if (!missing.empty()) {
     throw std::invalid_argument("generator: pinch of " + std::to_string(o.object_width * 1e3) + " mm: " + missing +
                                 ". Use an object_width that the hand can span, or change the place of the fingers");
   }
-  const Touches shut(hand, best.wrist, best.shut), wide(hand, best.wrist, best.wide);
+  const Touches shut(hand, goals, best.wrist, best.shut), wide(hand, goals, best.wrist, best.wide);
   Grip grip;
   grip.wrist = best.wrist;
   grip.gripping = (deepest - o.closing_depth) / (0.5 * (wide.gap() - shut.gap()));
@@ -330,13 +353,11 @@ Grip solve_pinch(const HandModel& model, const GeneratorOptions& o) {
     PostureSolver solver(hand, grip.wrist, {between});
     for (const Finger f : {Finger::thumb, Finger::index}) solver.free_finger(f, {0});
     solver.solve([&](PostureSolver& way) {
-      const auto thumb = way.pad(Finger::thumb, 0), index = way.pad(Finger::index, 0);
       const Vector3 z = Vector3::UnitZ();
       constexpr double kOnTheWay = 30 * kPerMetre;
-      way.add_point_goal(kOnTheWay, 0, thumb.body, thumb.centre,
-                         (1 - s) * shut.thumb + s * wide.thumb + thumb.radius * z);
-      way.add_point_goal(kOnTheWay, 0, index.body, index.centre,
-                         (1 - s) * shut.index + s * wide.index - index.radius * z);
+      way.add_touch_goal(kOnTheWay, 0, way.pad(Finger::thumb, 0).touch(-z), (1 - s) * shut.thumb + s * wide.thumb);
+      way.add_touch_goal(kOnTheWay, 0, way.pad(Finger::index, 0).touch(z), (1 - s) * shut.index + s * wide.index);
+      for (const GripHand::Sphere& sphere : way.spheres(0)) goals.keep_above_table(way, 0, sphere, 0.5 * kOnTheWay);
       way.add_start_goal(0.5);
     });
     grip.apertures.push_back(solver.angles(0));

@@ -13,6 +13,45 @@ namespace {
 constexpr int kIterations = 120;
 constexpr double kEnough = 1e-7;      // relative decrease of the cost at which the solver stops
 constexpr double kLargestStep = 0.3;  // per value, because the goals are nonlinear
+// Vertices of the skin lie 3 mm apart. With this depth (m) several of them touch, so that the place of a touch changes
+// smoothly.
+constexpr double kTouchDepth = 0.3e-3;
+
+// The skin that touches a face at `towards`: its mean place, and its spread there (second moments).
+struct Patch {
+  Vector3 middle = Vector3::Zero();
+  Matrix3 spread = Matrix3::Zero();
+};
+Patch touching(std::span<const Vector3> skin, const Vector3& towards, double depth) {
+  double highest = -1, sum = 0;
+  for (const Vector3& x : skin) highest = std::max(highest, x.dot(towards));
+  const auto weight = [&](const Vector3& x) { return std::exp((x.dot(towards) - highest) / depth); };
+  Patch patch;
+  for (const Vector3& x : skin) {
+    sum += weight(x);
+    patch.middle += weight(x) * x;
+  }
+  patch.middle /= sum;
+  for (const Vector3& x : skin) patch.spread += weight(x) / sum * (x - patch.middle) * (x - patch.middle).transpose();
+  return patch;
+}
+
+// Normal of the flat part of a pad: its skin lies in a plane. The finger is symmetric, so the normal has no component
+// to the side.
+Vector3 pad_normal(std::span<const Vector3> skin) {
+  constexpr double kPadDepth = 0.5e-3;    // m
+  constexpr double kSteepest = M_PI / 6;  // rad, against the bone
+  constexpr int kRounds = 20;
+  Vector3 normal = -Vector3::UnitY();
+  for (int round = 0; round < kRounds; ++round) {
+    const Matrix3 spread = touching(skin, normal, kPadDepth).spread;
+    // The line through the patch, seen from the side.
+    const double angle = 0.5 * std::atan2(2 * spread(1, 2), spread(2, 2) - spread(1, 1));
+    const double steep = std::clamp(angle, -kSteepest, kSteepest);
+    normal = Vector3(0, -std::cos(steep), std::sin(steep));
+  }
+  return normal;
+}
 
 }  // namespace
 
@@ -23,8 +62,13 @@ std::array<JointAxis, 4> axes_of(Finger finger) {
 }
 
 GripHand::GripHand(const HandModel& model) : model_(model), open_(open_hand(model)) {
-  for (int f = 0; f < kFingerCount; ++f)
-    pads_[static_cast<std::size_t>(f)] = pad_in_distal(model, static_cast<Finger>(f));
+  for (std::size_t f = 0; f < kFingerCount; ++f) {
+    pads_[f] = pad_in_distal(model, static_cast<Finger>(f));
+    // The display skin is the same for all meshes of a hand. So all sizes make the same motion.
+    skin_[f] = distal_skin(model, static_cast<Finger>(f));
+    normals_[f] = skin_[f].empty() ? Vector3(-Vector3::UnitY()) : pad_normal(skin_[f]);
+    if (skin_[f].empty()) skin_[f] = {pads_[f]};
+  }
 }
 
 void GripHand::flex(JointAngles& angles, Finger finger, double first, double second, double distal) const {
@@ -43,13 +87,26 @@ JointAngles GripHand::from_open(double share, const JointAngles& angles) const {
 GripHand::Pad GripHand::pad(Finger finger, const JointFrames& frames) const {
   const Body body = distal_of(finger);
   const Pose& distal = frames[slot_of(joint_of(body))];
-  const Vector3& pad = pads_[static_cast<std::size_t>(finger)];
+  const auto f = static_cast<std::size_t>(finger);
+  const Vector3& pad = pads_[f];
   return {body,
           distal * pad,
-          distal.orientation * Vector3(0, -1, 0),
+          distal.orientation * normals_[f],
           distal.orientation * Vector3(0, 0, -1),
           distal * Vector3(pad.x(), 0, pad.z()),
-          -pad.y()};
+          -pad.y(),
+          distal,
+          skin_[f]};
+}
+
+GripHand::Touch GripHand::Pad::touch(const Vector3& towards) const {
+  const Matrix3 turn = joint.orientation.toRotationMatrix();
+  const Vector3 direction = turn.transpose() * towards;
+  const Patch patch = touching(skin, direction, kTouchDepth);
+  const Vector3 middle = joint * patch.middle;
+  // The mean of exponentially weighted skin is about one depth below the first touch.
+  return {body, middle + kTouchDepth * towards, middle,
+          turn * (skew(direction) * patch.spread / -kTouchDepth) * turn.transpose()};
 }
 
 double GripHand::limited(const JointAxis& which, double angle) const {
@@ -200,6 +257,11 @@ void PostureSolver::add_direction_goal(double weight, std::size_t posture, Body 
                                        const Vector3& goal) {
   for (int i = 0; i < 3; ++i)
     add_residual(weight, direction[i] - goal[i], {by_direction(posture, body, direction, Vector3::Unit(i))});
+}
+
+void PostureSolver::add_touch_goal(double weight, std::size_t posture, const GripHand::Touch& touch,
+                                   const Vector3& goal) {
+  for (int i = 0; i < 3; ++i) add_residual(weight, touch.point[i] - goal[i], {touch.change(posture, Vector3::Unit(i))});
 }
 
 void PostureSolver::add_distance_goal(std::size_t posture, std::initializer_list<Finger> fingers, double margin) {

@@ -26,6 +26,21 @@ struct JointAxis {
 /// The axes of a finger: flexion and abduction of its first moving joint, flexion of the other two.
 std::array<JointAxis, 4> axes_of(Finger finger);
 
+/// Derivative of a number when a body of a posture moves, as a wrench about the origin (virtual work).
+struct Change {
+  std::size_t posture;
+  Body body;
+  Vector3 force;
+  Vector3 torque;
+};
+/// The change of a number that has `gradient` with respect to a body-fixed point or a body-fixed direction.
+inline Change by_point(std::size_t posture, Body body, const Vector3& point, const Vector3& gradient) {
+  return {posture, body, gradient, point.cross(gradient)};
+}
+inline Change by_direction(std::size_t posture, Body body, const Vector3& direction, const Vector3& gradient) {
+  return {posture, body, Vector3::Zero(), direction.cross(gradient)};
+}
+
 /// The hand model of the solver: pads, joint ranges, and round bones that must keep clear of obstacles. `model` must
 /// outlive it.
 class GripHand {
@@ -33,16 +48,28 @@ class GripHand {
   explicit GripHand(const HandModel& model);
   const HandModel& model() const { return model_; }
 
+  /// Where the skin of a distal phalanx touches a face first. The face does not move with the finger.
+  struct Touch {
+    Body body;
+    Vector3 point;
+    /// The change of `point` that has `gradient`, when the finger moves and rolls on the face.
+    Change change(std::size_t posture, const Vector3& gradient) const {
+      return {posture, body, gradient, middle.cross(gradient) + rolling * gradient};
+    }
+    Vector3 middle;   ///< of the skin that touches
+    Matrix3 rolling;  ///< torque of a gradient because other skin touches when the finger turns
+  };
   struct Pad {
     Body body;
     Vector3 position;
-    Vector3 normal;  ///< direction in which the pad presses
+    Vector3 normal;  ///< of the flat part of the pad, outward
     Vector3 along;   ///< from the joint to the tip of the bone
     Vector3 centre;  ///< in the finger, `radius` below the skin
     double radius;
-    /// Contact point of the round finger with a face that looks along -`towards`. A flat pad touches with the pad
-    /// itself.
-    Vector3 touch(const Vector3& towards) const { return centre + radius * towards; }
+    Pose joint;
+    std::span<const Vector3> skin;  ///< of the distal phalanx, in the frame `joint`
+    /// Where the skin touches a face that looks along -`towards` (unit length).
+    Touch touch(const Vector3& towards) const;
   };
   Pad pad(Finger finger, const JointFrames& frames) const;
 
@@ -72,23 +99,10 @@ class GripHand {
  private:
   const HandModel& model_;
   JointAngles open_;
-  std::array<Vector3, kFingerCount> pads_;  // in the frames of the distal joints
+  // In the frames of the distal joints.
+  std::array<Vector3, kFingerCount> pads_, normals_;
+  std::array<std::vector<Vector3>, kFingerCount> skin_;
 };
-
-/// Derivative of a number when a body of a posture moves, as a wrench about the origin (virtual work).
-struct Change {
-  std::size_t posture;
-  Body body;
-  Vector3 force;
-  Vector3 torque;
-};
-/// The change of a number that has `gradient` with respect to a body-fixed point or a body-fixed direction.
-inline Change by_point(std::size_t posture, Body body, const Vector3& point, const Vector3& gradient) {
-  return {posture, body, gradient, point.cross(gradient)};
-}
-inline Change by_direction(std::size_t posture, Body body, const Vector3& direction, const Vector3& gradient) {
-  return {posture, body, Vector3::Zero(), direction.cross(gradient)};
-}
 
 /// Solves one or more postures with a common wrist together. First declare the free values, then solve.
 class PostureSolver {
@@ -116,6 +130,8 @@ class PostureSolver {
   /// Goal: a point fixed to a body is at `goal`, or a direction fixed to a body equals `goal`.
   void add_point_goal(double weight, std::size_t posture, Body body, const Vector3& point, const Vector3& goal);
   void add_direction_goal(double weight, std::size_t posture, Body body, const Vector3& direction, const Vector3& goal);
+  /// Goal: the skin touches its face at `goal`.
+  void add_touch_goal(double weight, std::size_t posture, const GripHand::Touch& touch, const Vector3& goal);
   /// Goal: at least `margin` (m) between thumb and the phalanges of `fingers`. Also keeps index and middle finger
   /// apart.
   void add_distance_goal(std::size_t posture, std::initializer_list<Finger> fingers, double margin);

@@ -11,13 +11,15 @@ namespace {
 constexpr double kPalmGap = 1e-3;  // m, between the palm's round bones and the cylinder; the skin of the palm presses
 constexpr double kPlace = 30 * kPerMetre;  // weight of the pad positions, above all other goals
 constexpr double kLevel = 0.1 * kPerMetre;
-constexpr double kBack = 5e-3;     // m, distance of the open hand's palm from its place in the grasp
-constexpr double kOpposed = 2;     // weight of the goal that the thumb is opposite to the knuckles
-constexpr double kBeyond = 10e-3;  // m, knuckles past the axis, so that the fingers reach around
+constexpr double kBack = 5e-3;    // m, distance of the open hand's palm from its place in the grasp
+constexpr double kOpposed = 3;    // weight of the goal that the thumb is opposite to the knuckles
+constexpr double kBeyond = 5e-3;  // m, knuckles past the axis, so that the fingers reach around
 // Depth of the other phalanges, relative to the depth of the pads. The proximal phalanges take the force with which the
 // intermediate and distal phalanges press towards the palm. With a smaller depth a thin cylinder moves into the hand
 // until thumb and little finger hardly touch it.
-constexpr double kProximalShare = 1.0, kIntermediateShare = 0.5;
+constexpr double kProximalShare = 1.2, kIntermediateShare = 0.5;
+// Depth of the little finger's pad, relative to that of the others. The finger is the weakest.
+constexpr double kLittleShare = 1.2;
 
 // Component perpendicular to the cylinder's axis, which is Y.
 Vector3 radial(const Vector3& p) { return {p.x(), 0, p.z()}; }
@@ -45,7 +47,8 @@ struct GraspGoals {
     for (int f = 0; f < kFingerCount; ++f) {
       const auto pad = s.pad(static_cast<Finger>(f), 0);
       const Vector3 out = radial(pad.position), direction = out.normalized();
-      s.add_residual(kPlace, out.norm() - radius + depth, {by_point(0, pad.body, pad.position, direction)});
+      const double share = static_cast<Finger>(f) == Finger::little ? kLittleShare : 1;
+      s.add_residual(kPlace, out.norm() - radius + share * depth, {by_point(0, pad.body, pad.position, direction)});
       for (int i = 0; i < 3; ++i) {
         s.add_residual(3, pad.normal[i] + direction[i],
                        {by_direction(0, pad.body, pad.normal, Vector3::Unit(i)),

@@ -32,7 +32,7 @@ Grip solve_press(const HandModel& model, const GeneratorOptions& o) {
   for (const double clear : {0.1, 1.0, 5.0}) {
     solver.solve([&](PostureSolver& s) {
       const auto pad = s.pad(Finger::index, 0);
-      s.add_point_goal(kPlacePad, 0, pad.body, pad.centre, pad.radius * Vector3::UnitY());
+      s.add_touch_goal(kPlacePad, 0, pad.touch(-Vector3::UnitY()), Vector3::Zero());
       s.add_direction_goal(3, 0, pad.body, pad.along, Vector3(0, -kSteep, -std::sqrt(1 - kSteep * kSteep)));
       for (const GripHand::Sphere& sphere : s.spheres(0)) {
         if (finger_of(sphere.body) == Finger::index && !is_metacarpal(sphere.body)) continue;
@@ -46,7 +46,7 @@ Grip solve_press(const HandModel& model, const GeneratorOptions& o) {
     });
   }
   const auto pad = solver.pad(Finger::index, 0);
-  const Vector3 touch = pad.touch(-Vector3::UnitY());
+  const Vector3 touch = pad.touch(-Vector3::UnitY()).point;
   if (touch.norm() > 1e-3)
     throw std::invalid_argument("generator: press: the pad comes to " + std::to_string(touch.norm() * 1e3) +
                                 " mm of its place, expected at most 1 mm");
