@@ -6,7 +6,7 @@
 namespace softhand::anchor_law {
 namespace {
 
-constexpr double kExitSpeed = 0.8;      // m/s, of the anchor of a point that started inside
+constexpr double kExitSpeed = 0.75;     // m/s, of the anchor of a point that started inside
 constexpr double kAtStart = 1e-12;      // m; a stretch that moved less than this is at the step's start: rounding
 constexpr double kLittleMotion = 1e-6;  // m per step; less than the stretch of the friction springs
 

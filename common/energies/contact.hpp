@@ -24,7 +24,7 @@
 // crossing. Then no anchor is two-sided any more.
 //
 // A point that starts inside is anchored at its own position. The anchor then moves out to the nearest surface point,
-// at 0.8 m/s at most.
+// at 0.75 m/s at most.
 //
 // The plane is frozen within a step. If an anchor slides over a curved surface, the plane is the one ahead, at the
 // position that the point's velocity predicts. The plane behind would lift a point at 0.5 m/s off a finger-thick

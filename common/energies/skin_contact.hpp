@@ -22,7 +22,7 @@
 // object is one more part of the skin.
 //
 // A contact begins at the first triangle that the point crosses in a step, at any speed. A point that starts inside
-// moves out at 0.8 m/s at most.
+// moves out at 0.75 m/s at most.
 //
 // Skin over an inverted tetrahedron of a hand touches no skin. It looks inward, so its contacts would pull the parts
 // into each other and invert more tissue.

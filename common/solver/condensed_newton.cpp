@@ -29,7 +29,7 @@ constexpr double kSmallStep = 1e-4;
 // Blocks of terms with kinks with which the factor can serve again. A power grasp has 700.
 constexpr std::size_t kMaxFactored = 4096;
 // A new `Compliance` may cost at most this work, in fast steps. It needs so many operations per pair of blocks.
-constexpr double kMostCompliance = 2.5;
+constexpr double kMostCompliance = 8;
 constexpr double kPairOperations = 15'000;
 // The search along a step: its trials, and limits of the slope at its end, as in LineSearch. The slopes of the trials
 // cost no more than their energies.

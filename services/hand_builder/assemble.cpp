@@ -20,20 +20,22 @@ constexpr double kAttachmentStiffness = 1e11;
 
 enum Region : std::uint8_t { pulp, palm, back, knuckle };
 
-std::vector<Material> make_materials() {
+std::vector<Material> make_materials(std::size_t nodes) {
   // The energy limit is W_max = E e^2 / 2 at the strain e at which limiting starts.
   // The limiting stiffness is k_s = ratio * W_max, which multiplies the stiffness at the kink by 1 + 2 ratio.
   // Only the pulp does not bend with a joint. It has the stiffness of skin, fitted to people's fingertips
   // (docs/human-data.md). Elsewhere softer tetrahedra represent skin that folds and slides. Limiting from 30 % strain
-  // spreads the stretch over a knuckle to the neighbouring tissue and prevents inversion in creases.
-  // With the ramp a default step needs fewer iterations (docs/performance.md).
+  // spreads the stretch over a knuckle to the neighbouring tissue and prevents inversion in creases. With the ramp a
+  // default step needs fewer iterations (docs/performance.md).
   constexpr double kRamp = 0.25;
   const auto material = [](const char* name, double youngs_modulus, double poisson_ratio, double strain, double ratio) {
     const double energy = 0.5 * youngs_modulus * strain * strain;
     return Material{name, 1050, youngs_modulus, poisson_ratio, energy, ratio * energy, kRamp};
   };
-  return {material("pulp", 4.7e4, 0.45, 0.064, 2), material("palm", 2e4, 0.40, 0.35, 2),
-          material("back", 8e3, 0.35, 0.30, 2), material("knuckle", 1e4, 0.35, 0.30, 2)};
+  // Coarse linear tetrahedra are too stiff, so the moduli fall with the number of nodes.
+  const double fineness = std::sqrt(static_cast<double>(nodes) / 1450), coarseness = std::min(fineness, 1.0);
+  return {material("pulp", 18e3 * fineness, 0.45, 0.17, 4), material("palm", 2e4 * coarseness, 0.40, 0.35, 2),
+          material("back", 8e3 * coarseness, 0.35, 0.30, 2), material("knuckle", 1e4 * coarseness, 0.35, 0.30, 2)};
 }
 
 struct Bones {
@@ -239,7 +241,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     const double depth = 0.6 * rest.radii[static_cast<std::size_t>(index_of(end))];
     const Vector3 palmar = -depth * (joint_at(joint).orientation * Vector3::UnitY());
     pieces.push_back(
-        {0.6 * start + 0.4 * joint_at(end).position + palmar, joint_at(end).position + palmar, 0.8, 0.004});
+        {0.6 * start + 0.4 * joint_at(end).position + palmar, joint_at(end).position + palmar, 0.55, 0.004});
   }
   // The webs: coarse facets would bridge the gap between two fingers.
   for (int j = index_of(Joint::index_proximal); j < index_of(Joint::little_proximal); j += 5) {
@@ -248,7 +250,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
     };
     const Vector3 middle = 0.5 * (web(j) + web(j + 5));
     pieces.push_back(
-        {middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 1.1});
+        {middle, middle + 0.008 * (web(j) - rest.joints[static_cast<std::size_t>(j)].position).normalized(), 0.9});
   }
   return [pieces](const Vector3& point) {
     double least = 3.6;
@@ -267,11 +269,11 @@ std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin)
     const int tip = index_of(tip_of(static_cast<Finger>(f)));
     const Pose& end = rest.joints[static_cast<std::size_t>(tip)];
     seeds.push_back(skin.project(end * Vector3(0, 0, -rest.radii[static_cast<std::size_t>(tip)])));
-    // The middle line of the pad from the tip backwards. It touches first in a pinch.
-    for (const double back : {-0.5, 0.5}) {
-      const double radius = rest.radii[static_cast<std::size_t>(tip)];
+    // The middle line of the pad from the tip backwards, and its sides. It touches first in a pinch.
+    const double radius = rest.radii[static_cast<std::size_t>(tip)];
+    for (const double back : {-0.5, 0.5})
       seeds.push_back(skin.project(end * Vector3(0, -radius * std::cos(std::max(-back, 0.0)), radius * back)));
-    }
+    for (const double side : {-0.6, 0.6}) seeds.push_back(skin.project(end * Vector3(radius * side, -radius, 0)));
     for (int j = f == 0 ? 3 : tip - 3; j < tip; ++j) {
       const Pose& joint = rest.joints[static_cast<std::size_t>(j)];
       const Vector3 middle = 0.5 * (joint.position + rest.joints[static_cast<std::size_t>(j + 1)].position);
@@ -292,7 +294,7 @@ HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, c
   hand.nodes = mesh.nodes;
   hand.tetrahedra = mesh.tetrahedra;
   hand.surface = mesh.surface;
-  hand.materials = make_materials();
+  hand.materials = make_materials(hand.nodes.size());
 
   const Bones bones(rest, hand.bodies);
   for (const Vector3& node : hand.nodes) hand.node_body.push_back(static_cast<std::uint8_t>(bones.nearest(node)));

@@ -14,21 +14,12 @@ namespace {
 
 using namespace softhand;
 
-Vector3 place_of(const HandModel& hand, const SkinVertex& vertex) {
-  Vector3 x = Vector3::Zero();
-  for (std::size_t k = 0; k < 4; ++k) {
-    x += static_cast<double>(vertex.weights[k]) *
-         hand.nodes[static_cast<std::size_t>(hand.tetrahedra[static_cast<std::size_t>(vertex.tetrahedron)][k])];
-  }
-  return x;
-}
-
 // Whether `hand` was made from this skin.
 void check_skin(const HandModel& hand, const TriangleMesh& skin, const std::string& path) {
   constexpr double kRounding = 2e-5;  // m, of a vertex by its rounded weights
   bool same = hand.skin_triangles == skin.triangles && hand.skin_vertices.size() == skin.vertices.size();
   for (std::size_t v = 0; same && v < skin.vertices.size(); ++v)
-    same = (place_of(hand, hand.skin_vertices[v]) - skin.vertices[v]).norm() < kRounding;
+    same = (hand.position_of(hand.skin_vertices[v]) - skin.vertices[v]).norm() < kRounding;
   if (!same) throw std::runtime_error(path + ": was made from another skin; expected the one of these options");
 }
 
@@ -37,7 +28,7 @@ void write_preview(const HandModel& hand, const std::string& path) {
   std::ofstream out(path);
   for (const Vector3& n : hand.nodes) out << "v " << n.x() << ' ' << n.y() << ' ' << n.z() << '\n';
   for (const SkinVertex& vertex : hand.skin_vertices) {
-    const Vector3 x = place_of(hand, vertex);
+    const Vector3 x = hand.position_of(vertex);
     out << "v " << x.x() << ' ' << x.y() << ' ' << x.z() << '\n';
   }
   const int offset = hand.node_count() + 1;

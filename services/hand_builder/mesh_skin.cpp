@@ -128,7 +128,7 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
   constexpr double kGoal = 1.02;
   double least_error = std::numeric_limits<double>::infinity();
   TetrahedralMesh best;
-  for (int trial = 0; trial < 24 && least_error > 0.02; ++trial) {
+  for (int trial = 0; trial < 48 && least_error > 0.02; ++trial) {
     TetrahedralMesh mesh = cgal_mesh(skin, sizing, scale, seeds);
     open_bridges(mesh);
     const double ratio = static_cast<double>(mesh.nodes.size()) / (kGoal * node_count);

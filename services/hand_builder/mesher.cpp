@@ -92,13 +92,13 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
   const auto uniform = [&generator] {
     return 2.0 * static_cast<double>(generator()) / static_cast<double>(std::minstd_rand::max()) - 1.0;
   };
-  // Height of a surface node outside the skin. A facet of edge h over a radius r cuts off a cap of h^2/(8 r). The skin
-  // is finely meshed where r is small, so the height of the cap is proportional to h. Therefore the pulps, which must
-  // touch at the true skin, move little for the volume that the palm lacks.
+  // Height of a surface node outside the skin. A facet of edge h over a radius r cuts off a cap of h^2/(8 r), so the
+  // height is proportional to h^2. The pulps are finely meshed and must touch at the true skin. They move little for
+  // the volume that the palm lacks.
   double height = 0;  // m, height where the sizing is 1
   std::vector<double> share(count, 0);
-  for (std::size_t n = 0; n < count; ++n) share[n] = sizing(mesh.nodes[n]);
-  const auto level_of = [&](std::size_t n) { return std::clamp(height * share[n], -0.001, 0.0025); };
+  for (std::size_t n = 0; n < count; ++n) share[n] = std::pow(sizing(mesh.nodes[n]), 2);
+  const auto level_of = [&](std::size_t n) { return std::clamp(height * share[n], -0.001, 0.003); };
   const auto sweep = [&](double reach) {
     for (std::size_t n = 0; n < count; ++n) {
       if (pinned[n]) continue;

@@ -96,16 +96,23 @@ ParametricSkin::ParametricSkin(const RestSkeleton& rest) {
     for (int j = first; j < last; ++j) {
       const Joint a = static_cast<Joint>(j);
       const Joint b = static_cast<Joint>(j + 1);
-      digit.push_back({position(a), position(b), j == first && f > 0 ? radius(a) - 0.6 * mm : radius(a), radius(b)});
+      digit.phalanges.push_back(
+          {position(a), position(b), j == first && f > 0 ? radius(a) - 0.6 * mm : radius(a), radius(b)});
     }
-    // The cushion of the pulp under the distal bone.
+    // The cushion of the pulp under the distal bone. It is wider than the bone's cone.
     const Joint distal = static_cast<Joint>(last - 1);
     const Joint tip = static_cast<Joint>(last);
-    const Vector3 palmar = -axis(distal, 1);
-    const Vector3 start = position(distal) + 0.45 * (position(tip) - position(distal));
-    digit.push_back({start + 0.9 * mm * palmar,
-                     position(tip) + 0.7 * mm * palmar - 0.6 * mm * (position(tip) - position(distal)).normalized(),
-                     0.5 * (radius(distal) + radius(tip)) - 0.2 * mm, radius(tip) - 0.1 * mm});
+    const Vector3 palmar = -axis(distal, 1), along = (position(tip) - position(distal)).normalized();
+    const auto place = [&](double share) { return Vector3((1 - share) * position(distal) + share * position(tip)); };
+    const double thickness = 0.5 * (radius(distal) + radius(tip));
+    digit.cushion = {place(0.45) + 1.5 * mm * palmar, place(1) + 1.0 * mm * palmar - 0.6 * mm * along,
+                     thickness + 1.8 * mm, radius(tip) + 1.6 * mm};
+    // The middle of the pad lies behind the tip and looks towards it. The thumb's pad is longer and looks there less.
+    const double tilt = (f == 0 ? 10 : 20) * M_PI / 180;
+    const double behind = (f == 0 ? 1.38 : 0.79) * radius(tip);
+    const Vector3 middle = position(tip) - behind * along + (thickness + 0.6 * mm) * palmar;
+    digit.pad_radius = 31 * mm;
+    digit.pad_centre = middle - digit.pad_radius * (std::cos(tilt) * palmar + std::sin(tilt) * along);
   }
 
   // Forearm stump: two parallel cones give its oval section.
@@ -139,8 +146,11 @@ double ParametricSkin::distance(const Vector3& point) const {
   const double web_blend = std::clamp(web_blend_ - 0.6 * palm, chain_blend_ / 5, web_blend_);
   double fingers = std::numeric_limits<double>::infinity();
   for (const Digit& digit : digits_) {
-    double finger = cone(digit.front());
-    for (std::size_t i = 1; i < digit.size(); ++i) finger = smooth_minimum(finger, cone(digit[i]), chain_blend_);
+    const double flat = (point - digit.pad_centre).norm() - digit.pad_radius;
+    const double end = smooth_minimum(cone(digit.phalanges.back()), cone(digit.cushion), chain_blend_);
+    double finger = -smooth_minimum(-end, -flat, chain_blend_);
+    for (std::size_t i = 0; i + 1 < digit.phalanges.size(); ++i)
+      finger = smooth_minimum(finger, cone(digit.phalanges[i]), chain_blend_);
     fingers = std::isinf(fingers) ? finger : smooth_minimum(fingers, finger, web_blend);
   }
   return smooth_minimum(palm, fingers, root_blend_);

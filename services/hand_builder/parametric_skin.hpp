@@ -21,7 +21,13 @@ class ParametricSkin : public SkinShape {
     Vector3 a, b;
     double radius_a, radius_b;
   };
-  using Digit = std::vector<Cone>;  // proximal to distal
+  struct Digit {
+    std::vector<Cone> phalanges;  // proximal to distal
+    Cone cushion;                 // of the pulp, under the distal bone
+    // The pad is flat: a large sphere cuts distal phalanx and cushion.
+    Vector3 pad_centre;
+    double pad_radius = 0;
+  };
   std::vector<Cone> palm_;
   std::vector<Cone> forearm_;
   std::array<Digit, kFingerCount> digits_;

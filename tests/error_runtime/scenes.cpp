@@ -322,7 +322,7 @@ Scene power_grasp() {
 Scene table_slide() {
   Scene scene{"table_slide", "the fingertips touch a table and slide back by 50 mm", 1, {table()}, {}, false, {}, {}};
   scene.motion = [](const HandModel& hand) {
-    return tips_down(hand, {{0, {0, 0.012, 0}}, {0.3, {0, 0.001, 0}}, {0.9, {0, 0.001, 0.05}}});
+    return tips_down(hand, {{0, {0, 0.012, 0}}, {0.3, {0, -0.001, 0}}, {0.9, {0, -0.001, 0.05}}});
   };
   scene.missing = [](const Trajectory& t) {
     return touches(t, {Finger::middle, Finger::ring}, 0.5) +

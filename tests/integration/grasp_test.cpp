@@ -180,9 +180,9 @@ class Planes final : public RigWitness {
   double facing = -1;
 };
 
-// Plays the scene for `seconds` with the hand of 400 nodes.
+// Plays the scene for `seconds` with the hand of 750 nodes.
 void witness_pinch_lift(RigWitness& witness, double seconds, std::vector<std::string> settings = {}) {
-  settings.push_back("hand.model=right_400.hand.json");
+  settings.push_back("hand.model=right_750.hand.json");
   const Scene scene = read_scene(kScenes + "pinch_lift.toml", settings);
   const HandModel hand = load_scene_hand(scene);
   const auto motion = make_scene_motion(scene, hand);

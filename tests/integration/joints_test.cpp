@@ -242,7 +242,7 @@ TEST(Joints, ALidOpensOnItsHingeAndFallsShut) {
       std::make_unique<StiffHand>(hand,
                                   [&](double time) {
                                     const double up = smooth((time - 0.5) / 1.0) - smooth((time - 2.0) / 1.0);
-                                    return Pose{Vector3(0, 0.177 - highest + 0.09 * up, 0), Quaternion::Identity()};
+                                    return Pose{Vector3(0, 0.177 - highest + 0.1 * up, 0), Quaternion::Identity()};
                                   }),
       &witness);
   const Track t = run(rig, 4);

@@ -260,11 +260,11 @@ Findings conveyor() {
 class Crowd {
  public:
   explicit Crowd(std::size_t objects) : loop_(shipped_hand(), options(), {}), world_(std::make_unique<WorldObjects>()) {
-    constexpr double kRadius = 8e-3;
-    watch_.count_anchoring_as_work(true);  // the pads start 1 mm inside
+    constexpr double kRadius = 8e-3, kDepth = 3e-3;  // m
+    watch_.count_anchoring_as_work(true);            // the pads start inside
     for (std::size_t i = 0; i < objects; ++i) {
       Vector3 place(0.4 + 0.05 * static_cast<double>(i % 10), 0, 0.05 * static_cast<double>(i / 10));
-      if (i < kFingerCount) place = pad_of(shipped_hand(), static_cast<Finger>(i)) - Vector3(0, kRadius - 1e-3, 0);
+      if (i < kFingerCount) place = pad_of(shipped_hand(), static_cast<Finger>(i)) - Vector3(0, kRadius - kDepth, 0);
       ObjectDescription description;
       description.object = static_cast<std::uint32_t>(i + 1);
       description.mass = 100;  // hardly moves

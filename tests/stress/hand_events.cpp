@@ -53,13 +53,16 @@ HandModel one_finger(const HandModel& hand, Finger finger) {
     out.tetrahedra.push_back(nodes);
     out.tetrahedron_material.push_back(hand.tetrahedron_material[t]);
   }
-  // The surface keeps the finger's skin triangles. The cut through the finger's root is inside and gets no contact.
+  // The surface keeps the skin of the finger's tetrahedra. The cut through the finger's root is inside and gets no
+  // contact.
   out.surface.clear();
   for (auto triangle : hand.surface) {
-    const auto is_used = [&](std::int32_t node) { return new_node[static_cast<std::size_t>(node)] >= 0; };
-    if (!std::all_of(triangle.begin(), triangle.end(), is_used)) continue;
     for (std::int32_t& node : triangle) node = new_node[static_cast<std::size_t>(node)];
-    out.surface.push_back(triangle);
+    const auto has_triangle = [&](const auto& tetrahedron) {
+      return std::ranges::all_of(triangle,
+                                 [&](auto node) { return std::ranges::find(tetrahedron, node) != tetrahedron.end(); });
+    };
+    if (std::ranges::any_of(out.tetrahedra, has_triangle)) out.surface.push_back(triangle);
   }
   out.contact_points.clear();
   for (SkinPoint point : hand.contact_points) {

@@ -95,7 +95,8 @@ class Cache {
       if (entry.path().filename().string().rfind("softhand", 0) == 0) programs.insert(entry.path());
     }
     for (const fs::path& program : programs) add_file(hash, program);
-    add_file(hash, SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json");
+    for (const char* const nodes : {"400", "750", "3000", "6000"})
+      add_file(hash, std::string(SOFTHAND_SOURCE_DIR "/config/hands/right_") + nodes + ".hand.json");
     add_file(hash, SOFTHAND_SOURCE_DIR "/config/scenes/pinch_lift.toml");
     inputs_ = hash.hex();
     fs::create_directories(folder_);

@@ -77,7 +77,7 @@ Findings pressed_on_table(std::shared_ptr<const SoftBody> body, double height, d
 
 // A stiff cube is pressed by less: the half-closed finger meets it with its tip, where there is little tissue.
 Findings pressed_cube(double youngs_modulus, double density) {
-  const double depth = youngs_modulus < 5e4 ? 0.01 : 0.002, evenly_pressed = youngs_modulus * kEdge * depth;
+  const double depth = youngs_modulus < 5e4 ? 0.01 : 0.0025, evenly_pressed = youngs_modulus * kEdge * depth;
   return pressed_on_table(soft_box({5, 5, 5}, Vector3::Constant(kEdge), soft_material(youngs_modulus, 0.3, density)),
                           kEdge, depth, std::min(0.05 * evenly_pressed, 0.5));
 }
@@ -86,9 +86,11 @@ Findings pressed_sheet(double thickness) {
   return pressed_on_table(soft_box({12, 1, 12}, {0.06, thickness, 0.06}, soft_material(1e5)), thickness, 2e-3, 0.5);
 }
 
+// Of the finest hand. Coarse meshes are too stiff, so their materials have smaller moduli.
 double softest_tissue() {
+  const HandModel finest = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_6000.hand.json");
   double least = std::numeric_limits<double>::infinity();
-  for (const Material& material : shipped_hand().materials) least = std::min(least, material.youngs_modulus);
+  for (const Material& material : finest.materials) least = std::min(least, material.youngs_modulus);
   return least;
 }
 

@@ -132,7 +132,7 @@ TEST(Generator, TheStartChangesTheFirstHalfOfTheApproachOnly) {
 
 TEST(Generator, RefusesObjectsThatTheHandCannotSpan) {
   GeneratorOptions options;
-  options.object_width = 0.12;
+  options.object_width = 0.2;
   options.closing_depth = 0;
   HandModel small = opposing_hand();
   for (Pose& joint : small.rest_joints) joint.position *= 0.5;

@@ -199,7 +199,9 @@ TEST(MeshSkin, ReturnsTheSignedDistanceToItsSurface) {
     const double distance = skin.distance(p);
     EXPECT_LE(std::abs(distance), least + 1e-12);
     EXPECT_GE(std::abs(distance), least - longest_edge / std::sqrt(3.0));
-    if (std::abs(exact.distance(p)) > 2e-3) {
+    // The facets cut the sharp edge of the forearm's stump.
+    constexpr double kEdge = 0.01;  // m
+    if (std::abs(exact.distance(p)) > 2e-3 && p.z() < source().rest.stump - kEdge) {
       EXPECT_EQ(distance < 0, exact.distance(p) < 0) << p.transpose();
     }
   }

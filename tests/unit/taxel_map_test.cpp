@@ -126,8 +126,8 @@ TEST(TaxelMap, LayoutsLieOnTheSkinInTheirOrder) {
       for (const Taxel& taxel : taxels) {
         const Vector3 place = hand.rest_joints[static_cast<std::size_t>(index_of(joint_of(taxel.body)))] * taxel.place;
         double nearest = 1;
-        for (const SkinPoint& point : hand.contact_points)
-          nearest = std::min(nearest, (hand.position_of(point) - place).norm());
+        for (const SkinVertex& vertex : hand.skin_vertices)
+          nearest = std::min(nearest, (hand.position_of(vertex) - place).norm());
         EXPECT_LT(nearest, within) << "m from the skin";
       }
     };

@@ -149,6 +149,8 @@ struct HandOverASphere {
       double nearest = 1;
       for (const Vector3& node : hand.nodes)
         nearest = std::min(nearest, sphere.signed_distance(place.inverse() * node));
+      for (const SkinPoint& point : hand.contact_points)
+        nearest = std::min(nearest, sphere.signed_distance(place.inverse() * hand.position_of(point)));
       place.position.y() += nearest - kGap;
     }
     simulation.set_slot(slot, {7, &sphere, kMass, kMass * 0.4 * 9e-4 * Matrix3::Identity(), 0.8});
@@ -192,7 +194,7 @@ TEST(HandSimulation, CollapsedOrMirroredTissueRecoversWithAnObjectInThePalm) {
 // The memory of all terms at once: a hand that presses on an object. Loading it undoes `restore`.
 TEST(HandSimulation, LoadedMemoryKeepsContacts) {
   HandOverASphere scene(false);
-  scene.simulation.set_slot_motion(scene.slot, {scene.place.position + Vector3(0, 4e-3, 0), Quaternion::Identity()},
+  scene.simulation.set_slot_motion(scene.slot, {scene.place.position + Vector3(0, 6e-3, 0), Quaternion::Identity()},
                                    {});
   scene.run(5);
   const int contacts = scene.simulation.contact_count();
@@ -222,7 +224,7 @@ TEST(Untangler, KeepsTheContactsOfOtherTissue) {
   const ShapeGeometry& sphere = scene.sphere;
   ContactSet contacts(hand, lumped_masses(hand), 1e7, kBodyCount, 1, 2);
   contacts.set_object(1, &sphere, 0.8, 7, ContactObject::fixed);
-  state.body_poses[kBodyCount + 1] = {scene.place.position + Vector3(0, 4e-3, 0), Quaternion::Identity()};
+  state.body_poses[kBodyCount + 1] = {scene.place.position + Vector3(0, 6e-3, 0), Quaternion::Identity()};
   contacts.begin_step(state, kStep);
   contacts.end_step(state);
   const int count = contacts.count();
