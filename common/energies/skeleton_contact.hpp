@@ -2,9 +2,9 @@
 //
 //   U = sum 1/2 k min(0, g)^2,   g = |p - q| - r_a - r_b - c
 //
-// Each bone is a capsule. p are places along the axis of one bone, at most 3 mm apart, and q is the nearest point of
-// the other bone's axis. Both bones of a pair have places p. So the force changes smoothly when two parallel bones
-// tilt. Degrees of freedom: six of each bone. Units: J, m, N/m.
+// Each bone is a capsule. The places p lie along the axis of one bone, at most 3 mm apart. The point q is the nearest
+// one of the other bone's axis. Both bones of a pair have places p. So the force changes smoothly when two parallel
+// bones tilt. Degrees of freedom: six of each bone. Units: J, m, N/m.
 //
 // The tissue between two bones cannot stop them. Tissue that is pressed flat turns over. Then the bones pass through
 // each other, and the skin of one digit holds on to the far side of the other. This term acts shortly before the bones

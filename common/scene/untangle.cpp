@@ -170,8 +170,8 @@ int Untangler::put_all_back(const View& view, double kinetic_energy, bool tests_
 }
 
 // All of the tissue is put back and has released `released_by_all` J. Puts back only the tetrahedra that are folded or
-// have more energy than if they were mirrored, and rings around them until nearly as much is released. So tissue far
-// from the tangle keeps its place and its contacts. Returns false, with all of the tissue put back, if only that
+// have more energy than if they were mirrored. Rings around them follow until nearly as much is released. So tissue
+// far from the tangle keeps its place and its contacts. Returns false, with all of the tissue put back, if only that
 // releases enough.
 bool Untangler::put_worst_back(const View& view, double before, double released_by_all) {
   State& state = view.state;
