@@ -6,7 +6,7 @@
 
 namespace softhand::builder {
 
-/// Relative edge length of a good mesh: 0.6 in the pulps, 1 in the distal phalanges, larger towards the palm and the
+/// Relative edge length of a good mesh: 0.55 in the pulps, 1 in the distal phalanges, larger towards the palm and the
 /// forearm. It grows by at most 0.5 per 10 mm of distance from a bone.
 SizingField hand_sizing(const RestSkeleton& rest);
 
