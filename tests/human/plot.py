@@ -42,7 +42,7 @@ for hand, colour in zip(hands, colours):
 left.set(xlabel="indentation, mm", ylabel="force, N", xlim=(0, 2.55), ylim=(0, 9))
 left.set(title="Index fingertip on a flat plate")
 right.set(xlabel="force, N", ylabel="contact area, mm$^2$", xlim=(0, 6), ylim=(0, 420))
-right.set(title="Contact area, sum of whole nodal areas")
+right.set(title="Contact area, sum of shares of contact points")
 for axes in (left, right):
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8, loc="upper left")
