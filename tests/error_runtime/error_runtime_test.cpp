@@ -271,12 +271,16 @@ TEST(ErrorRuntime, ADeepBlockCostsNoMoreThanWholeFactors) {
 // 0.021 mm and 1.0 % with 750.
 TEST(ErrorRuntime, APinchUnderTheLiveBudgetIsAsAccurateAsAsked) {
   const Scene& scene = scene_named("pinch_lift");
-  const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_3000.hand.json");
-  const Trajectory live = played(scene, {"simulation.solver.work_budget=2"}, "3000");
-  EXPECT_GT(live.steps_cut_off, 0) << "this test shows nothing";
-  const Errors errors = difference(live, played(scene, {}, "3000"), skin_weights(hand));
-  EXPECT_LE(errors.tissue_rms_mm, scene.live->tissue_rms_mm);
-  EXPECT_LE(errors.force_error, *scene.live->force_error);
+  for (const char* const nodes : {"1450", "3000"}) {
+    const HandModel hand = load_hand(SOFTHAND_SOURCE_DIR "/config/hands/right_" + std::string(nodes) + ".hand.json");
+    const Trajectory live = played(scene, {"simulation.solver.work_budget=2"}, nodes);
+    EXPECT_GT(live.steps_cut_off, 0) << "this test shows nothing";
+    const Errors errors = difference(live, played(scene, {}, nodes), skin_weights(hand));
+    EXPECT_LE(errors.tissue_rms_mm, scene.live->tissue_rms_mm) << nodes;
+    if (std::string(nodes) == "3000") {
+      EXPECT_LE(errors.force_error, *scene.live->force_error);
+    }
+  }
 }
 
 // Bullet with its own settings comes near the exact answer. With more iterations it comes nearer.

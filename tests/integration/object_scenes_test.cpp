@@ -189,6 +189,12 @@ TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
     EXPECT_LT(rig.calm_force, 10) << jump;
     EXPECT_EQ(rig.simulation().inverted_elements(), 0) << jump;
   }
+  // In these jumps the steps of the jump press with less than 100 N, too. In those above they do not.
+  for (const char* const jump : {"[0.015, 0, 0]", "[0, 0, 0.015]", "[0, 0, -0.015]"}) {
+    JumpingRig rig(jump);
+    EXPECT_LT(rig.summary["finger_force_max_n"].get<double>(), 100) << jump;
+    EXPECT_EQ(rig.simulation().inverted_elements(), 0) << jump;
+  }
 }
 
 // Such jumps wound hand and ball into each other for good, before the ball was put back into its shape. There were
