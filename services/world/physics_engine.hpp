@@ -71,7 +71,8 @@ class PhysicsEngine {
   /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects and
   /// joints, in the order of slots and numbers, at rest. Allocates nothing.
   virtual void forget() = 0;
-  /// Makes one step of `dt` seconds without sub-steps.
+  /// Makes one step of `dt` seconds. Forces act during all of it. The engine may divide it into parts, but their number
+  /// must follow from its state alone.
   virtual void step(double dt) = 0;
   /// True while the engine skips the body in its steps because it rests. The engine must not skip a body that creeps at
   /// 0.1 mm/s. It must wake a body in the same step if `apply` pushes it, if something hits it, or if its support goes

@@ -26,6 +26,9 @@ constexpr float kMargin = static_cast<float>(0.0005 * kScale);
 constexpr int kSolverIterations = 40;
 // An object that is slower than this for two seconds (Bullet's time) sleeps. A creep of 0.1 mm/s must not sleep.
 constexpr double kSleepingSpeed = 2e-5;  // m/s
+// A step is divided, into so many parts at most, until no joint opens by more than this because its bodies turn.
+constexpr double kPartOpening = 5e-5;  // m
+constexpr int kMostParts = 16;
 
 const bool kHasMemory = (use_bullet_memory(), true);  // set before main
 
@@ -208,9 +211,29 @@ class BulletEngine final : public PhysicsEngine {
   double coordinate(std::size_t number) const override { return joints_[number]->joint().coordinate; }
 
   void step(double dt) override {
-    for (const auto& joint : joints_)
-      if (joint) joint->prepare(dt);
-    bullet_->world.stepSimulation(static_cast<float>(dt), 0);
+    // Bullet drops the forces of a body after each of its steps.
+    std::array<btVector3, kMaxObjects> forces, torques;
+    for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
+      if (!bodies_[slot]) continue;
+      forces[slot] = bodies_[slot]->getTotalForce();
+      torques[slot] = bodies_[slot]->getTotalTorque();
+    }
+    int parts = 0;
+    for (double left = dt; left > 0;) {
+      const int more = static_cast<int>(
+          std::clamp(std::ceil(parts_per_second() * left), 1.0, static_cast<double>(kMostParts - parts)));
+      const double part = left / more;
+      for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
+        if (parts == 0 || !bodies_[slot]) continue;
+        bodies_[slot]->applyCentralForce(forces[slot]);
+        bodies_[slot]->applyTorque(torques[slot]);
+      }
+      for (const auto& joint : joints_)
+        if (joint) joint->prepare(part, dt);
+      bullet_->world.stepSimulation(static_cast<float>(part), 0);
+      left = more == 1 ? 0 : left - part;
+      ++parts;
+    }
   }
 
   Pose pose(std::size_t slot) const override {
@@ -297,6 +320,22 @@ class BulletEngine final : public PhysicsEngine {
     }
     bullet_->world.addRigidBody(body.get());
     bodies_[slot] = std::move(body);
+  }
+
+  /// The rows of a joint are those of the start of a part T. A body that turns by w T opens the joint at the end of its
+  /// arm l by l (w T)^2/2.
+  double parts_per_second() const {
+    double most = 0;
+    const auto consider = [&most](const btRigidBody& body, const Pose& from_joint) {
+      const double turn = static_cast<double>(body.getAngularVelocity().length());
+      most = std::max(most, turn * std::sqrt(from_joint.position.norm() / (2 * kPartOpening)));
+    };
+    for (const auto& joint : joints_) {
+      if (!joint) continue;
+      consider(joint->getRigidBodyA(), joint->joint().parent_from_joint);
+      consider(joint->getRigidBodyB(), joint->joint().child_from_joint);
+    }
+    return most;
   }
 
   const btCollisionShape* piece_of(std::size_t slot, std::size_t piece) const {

@@ -140,7 +140,7 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
   const JointLaw& law = joint_.law;
   const double length = law.kind == ObjectJointKind::slider ? scale_ : 1;  // engine units of q
   const double q = row.value;
-  const auto reach = [dt](double gap) { return gap > 0 ? gap / dt : kCorrection * gap / dt; };
+  const auto reach = [this, dt](double gap) { return gap > 0 ? gap / dt : correction_ * gap; };
   if (law.minimum > -std::numeric_limits<double>::infinity())
     add({lower_limit, row, -length * reach(q - law.minimum), 0, SIMD_INFINITY, 0});
   if (law.maximum < std::numeric_limits<double>::infinity())
@@ -160,7 +160,8 @@ void BulletJoint::add_law(const JointRow& row, double unit, double dt) {
   m_rbB.applyTorque(to_bullet(force * row.child_angular));
 }
 
-void BulletJoint::prepare(double dt) {
+void BulletJoint::prepare(double dt, double step) {
+  correction_ = kCorrection / step;
   const JointLaw& law = joint_.law;
   friction_bound_ = law.friction_at(joint_.reaction);
   rows_.clear();
@@ -174,7 +175,7 @@ void BulletJoint::prepare(double dt) {
   for (std::size_t i = 0; i < now.rows.size(); ++i) {
     const JointRow& row = now.rows[i];
     const bool offset = i < now.offsets;
-    double change = -kCorrection * row.value;
+    double change = -correction_ * dt * row.value;
     if (m_rbA.isStaticObject()) change -= ahead.rows[i].value - row.value - dt * row.rate(parent_twist, child_twist);
     add({static_cast<int>(i), offset ? scaled(row, scale_) : row, (offset ? scale_ : 1) * change / dt, -SIMD_INFINITY,
          SIMD_INFINITY, 0});
@@ -194,8 +195,7 @@ void BulletJoint::prepare(double dt) {
     const Vector3 normal = a.cross(b);
     if (normal.norm() > 1e-6) {
       const double gap = law.maximum - std::atan2(normal.norm(), a.dot(b));
-      add({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : kCorrection * gap / dt, -SIMD_INFINITY, 0,
-           0});
+      add({upper_limit, turning(0, normal.normalized()), gap > 0 ? gap / dt : correction_ * gap, -SIMD_INFINITY, 0, 0});
     }
   }
   if (passive_) return;

@@ -2,9 +2,10 @@
 // friction that holds. They integrate springs explicitly. Only bullet_engine.cpp includes this header.
 //
 // A row of a step is J v = c with an impulse between bounds. These are the rows.
-// - Held offsets and axes: c removes half of the error. The impulse has no bounds. J is that of the step's start. So a
-//   turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent. If the parent is static, c also removes
-//   this error. If both bodies move, the speeds at the start predict it too badly. Then chains gain energy.
+// - Held offsets and axes: c removes half of the error in a step. The impulse has no bounds. J is that of the start. So
+//   a turn by w dt moves the end of an arm l by l (w dt)^2/2 off its tangent. If the parent is static, c also removes
+//   this error. If both bodies move, the speeds at the start predict it too badly. Then chains gain energy. The engine
+//   divides a step in which this error is large.
 // - Limits: q may not pass its limit within the step. The row is one-sided.
 // - Dry friction: v = 0, and the impulse is within +-B dt. B uses the reaction force of the last step.
 // - Spring, damping and detents: their force at the start of the step acts as an external force. A row with the
@@ -35,9 +36,9 @@ class BulletJoint final : public btTypedConstraint {
   const EngineJoint& joint() const { return joint_; }
   int row_count() const { return static_cast<int>(rows_.size()); }
   void set_passive(bool passive) { passive_ = passive; }
-  /// Computes the rows of the next step from the poses of the bodies, and applies the forces of spring and detents.
-  /// Call it before each step.
-  void prepare(double dt);
+  /// Computes the rows of the next `dt` seconds from the poses of the bodies, and applies the forces of spring and
+  /// detents. Call it before each part of a step of `step` seconds.
+  void prepare(double dt, double step);
   /// Compliance of a row relative to 1, in the engine's units; 0: a hard row.
   bool is_held(int row) const { return rows_[static_cast<std::size_t>(row)].meaning < lower_limit; }
   double compliance(int row) const { return rows_[static_cast<std::size_t>(row)].compliance; }
@@ -76,6 +77,7 @@ class BulletJoint final : public btTypedConstraint {
   BoundedVector<Row, 16> rows_;
   std::array<double, meanings> impulses_{};
   double friction_bound_ = 0;  // N or N m, in this step
+  double correction_ = 0;      // 1/s, speed at which an error goes back, per error
 };
 
 /// Bullet's solver with three additions for the rows of BulletJoint.
