@@ -19,7 +19,9 @@ CholeskyKernel<Scalar> cholesky_kernel(InstructionSet set) {
   if (set == InstructionSet::avx512) return cholesky_kernel_avx512(Scalar{});
 #endif
   static_cast<void>(set);
-  return {factorize<Scalar>, forward<Scalar>, backward<Scalar>, forward_columns<Scalar>, add_products<Scalar>};
+  return {factorize<Scalar>,         forward<Scalar>,        backward<Scalar>,          forward_columns<Scalar>,
+          subtract_products<Scalar>, add_transposed<Scalar>, add_columns<Scalar>,       extend_factor<Scalar>,
+          extend_inverse<Scalar>,    extend_gram<Scalar>,    subtract_symmetric<Scalar>};
 }
 
 template CholeskyKernel<double> cholesky_kernel(InstructionSet set);

@@ -74,10 +74,25 @@ struct CholeskyKernel {
   /// ancestors of an included front must be included. `scratch` has kCholeskyTile times the size above.
   void (*forward_columns)(const CholeskyPlan& plan, const std::uint8_t* included, const Scalar* panels,
                           const Scalar* inverse_diagonal, Scalar* x, Scalar* scratch);
-  /// sums += the products of three columns of `a` with three of `b`, lane by lane: sums[(3 j + i) * kCholeskyTile + r]
-  /// is for row r of the tiles, column i of `a` and column j of `b`. A tile holds kCholeskyTile rows of its first
-  /// column, then those of the second and the third. Aligned to 64 bytes.
-  void (*add_products)(const Scalar* a, const Scalar* b, std::int32_t tiles, Scalar* sums);
+  /// sums -= A' B for kCholeskyTile columns of A and of B, stored row by row. The entry j * kCholeskyTile + i of `sums`
+  /// is for column i of A and column j of B. Aligned to 64 bytes, as are the next ones.
+  void (*subtract_products)(const Scalar* a, const Scalar* b, std::int32_t rows, Scalar* sums);
+  /// sums += A' x, and y += A factors, for such an A.
+  void (*add_transposed)(const Scalar* a, const Scalar* x, std::int32_t rows, Scalar* sums);
+  void (*add_columns)(const Scalar* a, const Scalar* factors, std::int32_t rows, Scalar* y);
+  /// A symmetric matrix grows by tile rows: `extend_factor` continues its Cholesky factor L from tile row `first` up to
+  /// `end`. A tile row begins at a multiple of `step` and is stored column by column, as in a panel. The tile rows
+  /// before `first` hold L, the others the lower triangle of the matrix. Returns false if a pivot is not positive and
+  /// finite.
+  bool (*extend_factor)(std::int32_t first, std::int32_t end, std::ptrdiff_t step, Scalar* factor,
+                        Scalar* inverse_diagonal);
+  /// Continues M = L^-1. `inverse` holds its transpose in tile rows. It must have been zero at first.
+  void (*extend_inverse)(std::int32_t first, std::int32_t end, std::ptrdiff_t step, const Scalar* factor,
+                         const Scalar* inverse_diagonal, Scalar* inverse);
+  /// Continues -M' M. Only the tiles of the lower triangle are valid.
+  void (*extend_gram)(std::int32_t first, std::int32_t end, std::ptrdiff_t step, const Scalar* inverse, Scalar* gram);
+  /// y -= A x for a symmetric matrix in such tiles.
+  void (*subtract_symmetric)(std::int32_t end, std::ptrdiff_t step, const Scalar* matrix, const Scalar* x, Scalar* y);
 };
 
 /// Returns the baseline's kernel if this build has none for `set` (another architecture).

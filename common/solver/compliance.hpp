@@ -38,48 +38,54 @@ class Compliance {
   /// In the order in which they were added. Rows and columns of S and the parts of forces have this order.
   std::span<const std::int32_t> blocks() const { return blocks_; }
   bool has(std::int32_t block) const { return is_known_[static_cast<std::size_t>(block)] != 0; }
-  /// S, both triangles. Valid in the first 3 * blocks().size() rows and columns.
+  /// S in the first 3 * blocks().size() rows and columns. Only the lower triangle is valid.
   const Dense& stiffness() const { return stiffness_; }
-  /// V' half, for block `place` of `blocks()`.
-  Vector3 displacement(std::size_t place, const VectorX& half) const;
+  /// product = S x. They may be the same.
+  void multiply_stiffness(const Eigen::Ref<const VectorX>& x, Eigen::Ref<VectorX> product);
+  /// V' half, for the blocks from place `first` of `blocks()` on.
+  void find_displacements(std::size_t first, const VectorX& half, Eigen::Ref<VectorX> displacements);
   /// half += V forces.
-  void add_forces(const Eigen::Ref<const VectorX>& forces, VectorX& half) const;
+  void add_forces(const Eigen::Ref<const VectorX>& forces, VectorX& half);
   /// Work since the last call, in floating-point operations of a float factorisation.
   double take_operations() { return std::exchange(operations_, 0.0); }
 
  private:
-  // Kernels work on tiles: kCholeskyTile rows of the three columns of a block. A tile of the matrices below has three
-  // rows of a block and kCholeskyTile columns.
-  struct alignas(64) Tile {
-    double values[3][kCholeskyTile];
+  // Kernels work on tiles of kCholeskyTile columns of V. Blocks that are added together have adjacent columns. The next
+  // ones begin with a new tile: columns that are left have the pivot 1 and no force.
+  struct alignas(64) Row {
+    double values[kCholeskyTile];
   };
-  // The columns of V of a block: `ranges_` of tiles of rows, one after another in `tiles_`.
+  // A tile of V: `ranges_` of its rows, one after another in `v_`.
   struct Columns {
-    std::size_t first_range = 0, last_range = 0, tiles = 0;
+    std::size_t first_range = 0, last_range = 0, first_row = 0;
   };
-  Matrix3 product(const Tile* a, const Tile* b, Eigen::Index tiles);
-  Matrix3 product(const Columns& a, const Columns& b);
   template <typename Visit>
-  void for_each_tile(const Columns& columns, Visit&& visit) const;
-  Tile* row(std::vector<Tile>& matrix, std::size_t place) const { return matrix.data() + place * tiles_per_row_; }
-  void extend_stiffness();
-  void append_columns(Eigen::Index first_column);
-  bool extend();
+  void for_each_range(const Columns& columns, Visit&& visit) const;
+  void spread(const Eigen::Ref<const VectorX>& values, Row* columns) const;
+  void gather(const Row* columns, std::size_t first, Eigen::Ref<VectorX> values) const;
+  void append_columns(std::span<const std::int32_t> blocks, LinearSolver& factor);
+  void multiply_columns(std::size_t tile);
+  bool extend(std::size_t first);
+  void store_stiffness();
 
   int most_blocks_;
   CholeskyKernel<double> kernel_;
   Eigen::Index rows_;  // of V
-  std::size_t tiles_per_row_;
+  std::size_t most_tiles_;
+  std::ptrdiff_t step_;  // from tile row to tile row of the matrices below
   std::vector<std::int32_t> blocks_;
-  std::vector<std::uint8_t> is_known_;  // by block of the core
-  std::vector<Columns> columns_;        // by place
+  std::vector<std::size_t> first_column_;  // by place
+  std::vector<std::uint8_t> is_known_;     // by block of the core
+  std::vector<Columns> columns_;           // by tile
   std::vector<std::pair<std::int32_t, std::int32_t>> ranges_;
-  std::vector<Tile> tiles_;
-  std::size_t known_ = 0;     // so many block rows of S are computed
-  std::vector<Tile> factor_;  // L of G = L L', by rows
-  std::vector<Matrix3> inverse_diagonal_;
-  std::vector<Tile> inverse_;  // of L, by columns
+  std::vector<Row> v_;
+  std::vector<Row> factor_;  // L of G = L L'
+  std::vector<double> inverse_diagonal_;
+  std::vector<Row> inverse_;  // L^-1, transposed
+  std::vector<Row> gram_;     // -S
   Dense stiffness_;
+  std::vector<Row> columns_of_x_, columns_of_y_;  // scratch, a number for each column
+  std::vector<std::int32_t> pending_;             // blocks to add
   std::vector<ColumnsRow> selection_;
   HalfColumns half_columns_;
   double operations_ = 0;

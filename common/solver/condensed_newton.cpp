@@ -135,11 +135,11 @@ CondensedNewton::Result CondensedNewton::include_touched(const BlockMatrix& hess
     forces_.segment(from, end - from).setZero();
     compliance.add_forces(forces_.head(end), product_);
   }
-  for (std::size_t k = known; k < compliance.blocks().size(); ++k) {
-    const std::int32_t block = compliance.blocks()[k];
-    total_.segment<3>(blocks_.rows()) = moves ? compliance.displacement(k, product_) : Vector3::Zero().eval();
-    blocks_.add(block);
-  }
+  const Eigen::Index from = blocks_.rows();
+  for (std::size_t k = known; k < compliance.blocks().size(); ++k) blocks_.add(compliance.blocks()[k]);
+  auto added = total_.segment(from, blocks_.rows() - from);
+  added.setZero();
+  if (moves) compliance.find_displacements(known, product_, added);
   return Result::found;
 }
 
@@ -183,11 +183,10 @@ void CondensedNewton::gather_border(const BlockMatrix& hessian) {
 
 // `product` = the Hessian of the condensed model's smooth terms times `move`.
 void CondensedNewton::multiply_smooth(const BlockMatrix& hessian, std::span<const KeptBlock> kept,
-                                      const Compliance& compliance, const VectorX& move, VectorX& product) const {
+                                      Compliance& compliance, const VectorX& move, VectorX& product) const {
   const auto border = 3 * static_cast<Eigen::Index>(border_), core = size_ - border;
   product.head(border).noalias() = smooth_.topLeftCorner(border, border) * move.head(border);
-  product.segment(border, core).noalias() =
-      compliance.stiffness().topLeftCorner(core, core) * move.segment(border, core);
+  compliance.multiply_stiffness(move.segment(border, core), product.segment(border, core));
   for_each_kept(hessian, kept, [&](Eigen::Index row, Eigen::Index column, const auto& block) {
     product.segment<3>(3 * row) -= block * move.segment<3>(3 * column);
   });
@@ -195,18 +194,16 @@ void CondensedNewton::multiply_smooth(const BlockMatrix& hessian, std::span<cons
 
 // `smooth_`, `smooth_gradient_` and `smooth_slope_` of the condensed model. The terms with kinks are in the journal of
 // `hessian`.
-void CondensedNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept,
-                               const Compliance& compliance) {
+void CondensedNewton::condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Compliance& compliance) {
   size_ = blocks_.rows();
   gather_border(hessian);
   const auto border = 3 * static_cast<Eigen::Index>(border_), core = size_ - border;
   for (Eigen::Index i = 0; i < border; i += 3)
     smooth_gradient_.segment<3>(i) = -force_.segment<3>(3 * blocks_[static_cast<std::size_t>(i / 3)]);
   // The displacement of the touched blocks without terms with kinks.
-  for (std::size_t k = 0; k < compliance.blocks().size(); ++k)
-    trial_total_.segment<3>(3 * static_cast<Eigen::Index>(k)) = compliance.displacement(k, half_);
-  smooth_gradient_.segment(border, core).noalias() =
-      -compliance.stiffness().topLeftCorner(core, core) * trial_total_.head(core);
+  compliance.find_displacements(0, half_, trial_total_.head(core));
+  compliance.multiply_stiffness(trial_total_.head(core), smooth_gradient_.segment(border, core));
+  smooth_gradient_.segment(border, core) *= -1;
   smooth_slope_.head(size_) = smooth_gradient_.head(size_);
   if (total_.head(size_).isZero(0)) return;
   multiply_smooth(hessian, kept, compliance, total_, smooth_change_);

@@ -57,13 +57,13 @@ class CondensedNewton {
   Result include_touched(const BlockMatrix& hessian, BorderedSolver& factor, std::span<const KeptBlock> kept,
                          Compliance& compliance);
   void gather_border(const BlockMatrix& hessian);
-  void condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
+  void condense(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Compliance& compliance);
   template <typename Visit>
   void for_each_kept(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Visit&& visit) const;
   void find_forces(const BlockMatrix& hessian, std::span<const KeptBlock> kept);
   bool serves_again(const BlockMatrix& hessian) const;
   void factorise(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance);
-  void multiply_smooth(const BlockMatrix& hessian, std::span<const KeptBlock> kept, const Compliance& compliance,
+  void multiply_smooth(const BlockMatrix& hessian, std::span<const KeptBlock> kept, Compliance& compliance,
                        const VectorX& move, VectorX& product) const;
   double smooth_energy(const Eigen::Ref<const VectorX>& move, const Eigen::Ref<const VectorX>& slope) const;
   void add_kinked_gradient(Eigen::Ref<VectorX> gradient) const;

@@ -256,6 +256,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       // No factor gives a direction in which the energy falls: `state` is a minimum in floating point. It can be a kink
       // where the gradient is not zero. The gradient is now that of a trial.
       if (iteration > 0 && !policy_.affords_whole_factor(report)) report.status = StepStatus::budget_spent;
+      if (options_.max_iterations > 1 && residual_before <= options_.residual_tolerance)
+        report.status = StepStatus::converged;
       report.increment = 0;
       evaluated = true;
       has_gradient = false;
