@@ -67,8 +67,8 @@ TEST(HandSize, MeasuresTheMedianPriceOfWorkOnTheGivenClock) {
   double time = 0, tick = 1e-3, late = 0.1;
   const auto clock = [&] { return time += ++clock_reads % 5 == 0 ? late : tick; };
   const double fast_step = measure_fast_step({testing::block_hand()}, {}, {}, 1, clock);
-  // A step with a budget of two fast steps takes one tick here, and the allowance is 1.5. Work ends within 3.4 fast
-  // steps of the budget.
+  // A step with a budget of two fast steps takes one tick here, and the allowance is 1.5. Work ends at most 3.4
+  // fast steps beyond the budget.
   EXPECT_GT(fast_step, 1.5 * tick / 5.4);
   EXPECT_LT(fast_step, 1.5 * tick);
   EXPECT_GE(clock_reads, 18);
