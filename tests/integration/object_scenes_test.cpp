@@ -199,17 +199,15 @@ TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
 
 // Such jumps wound hand and ball into each other for good, before the ball was put back into its shape. There were
 // 1,700 to 1,900 inverted elements, and hundreds of newtons until the end. Which jumps do it depends on the last digits
-// of the solver: at least three of these five must.
+// of the solver.
 TEST(BudgetedScenes, ASoftBallThatAHandIsWoundIntoIsPutBack) {
-  int wound = 0;
   for (const char* const jump :
        {"[-0.018, -0.03, 0]", "[0, -0.03, 0.01]", "[0.018, -0.03, 0]", "[0.012, -0.024, 0]", "[0, 0.024, 0]"}) {
     JumpingRig rig(jump);
     EXPECT_LT(rig.inverted_steps, 20) << jump;
     EXPECT_LT(rig.calm_force, 10) << jump;
     EXPECT_EQ(rig.simulation().inverted_elements(), 0) << jump;
-    if (rig.simulation().untangled_nodes() == 0) continue;
-    ++wound;
+    EXPECT_GT(rig.simulation().untangled_nodes(), 0u) << jump;
     // It lies on the table near its place, or still rolls slowly.
     const SoftObjects& soft = *rig.simulation().soft();
     const auto ball = soft.ball(0, rig.simulation().state());
@@ -217,7 +215,6 @@ TEST(BudgetedScenes, ASoftBallThatAHandIsWoundIntoIsPutBack) {
     EXPECT_LT((ball.centre - Vector3(0.15, 0.025, 0)).norm(), 0.3) << jump;
     EXPECT_LT(soft.fastest(0, rig.simulation().state()), 0.5) << jump;
   }
-  EXPECT_GE(wound, 3);
 }
 
 // A hand on a busy machine skips up to three steps after each step, and its budget is at its least. With a budget
