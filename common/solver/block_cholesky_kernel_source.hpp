@@ -617,7 +617,8 @@ void extend_inverse(std::int32_t first, std::int32_t end, std::ptrdiff_t step, c
   for (std::ptrdiff_t i = first; i < end; ++i) {
     const std::ptrdiff_t column = i * kTile * kTile;
     const Scalar* const own = factor + i * step;
-    // Rows of a group before its own columns are zero. So the products may begin with those of the first of the group.
+    // M' is upper triangular: its tile row j is zero before tile j. So the products of a group begin at the tile of its
+    // first row.
     for (std::ptrdiff_t j = 0; j < i; j += kGroup) {
       const std::ptrdiff_t tiles = i - j < kGroup ? i - j : kGroup, begin = j * kTile * kTile;
       multiply<Scalar, false>(inverse + j * step + begin, step, static_cast<int>(tiles), own + begin, (i - j) * kTile,

@@ -254,7 +254,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     }
     if (scale == 0) {
       // No factor gives a direction in which the energy falls: `state` is a minimum in floating point. It can be a kink
-      // where the gradient is not zero. The gradient is now that of a trial.
+      // where the gradient is not zero. If it is not one, the step has converged. The gradient is now that of a trial.
       if (iteration > 0 && !policy_.affords_whole_factor(report)) report.status = StepStatus::budget_spent;
       if (options_.max_iterations > 1 && residual_before <= options_.residual_tolerance)
         report.status = StepStatus::converged;

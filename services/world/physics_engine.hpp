@@ -61,9 +61,9 @@ class PhysicsEngine {
   virtual void remove_joint(std::size_t number) = 0;
   /// A passive joint holds its bodies together and keeps its limits, but has no friction, spring, damping and detents.
   virtual void set_passive(std::size_t number, bool passive) = 0;
-  /// Force (N) with which the joint held its bodies together in the last step, across a slider's axis.
+  /// Force (N) with which the joint held its bodies together in the last step or its last part, across a slider's axis.
   virtual double reaction(std::size_t number) const = 0;
-  /// Coordinate of the joint at the start of the last step (`joint_coordinate`).
+  /// Coordinate of the joint (`joint_coordinate`) at the start of the last step, or of its last part.
   virtual double coordinate(std::size_t number) const = 0;
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;

@@ -213,20 +213,20 @@ class BulletEngine final : public PhysicsEngine {
   void step(double dt) override {
     // Bullet drops the forces of a body after each of its steps.
     std::array<btVector3, kMaxObjects> forces, torques;
-    for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
-      if (!bodies_[slot]) continue;
-      forces[slot] = bodies_[slot]->getTotalForce();
-      torques[slot] = bodies_[slot]->getTotalTorque();
-    }
     int parts = 0;
     for (double left = dt; left > 0;) {
       const int more = static_cast<int>(
           std::clamp(std::ceil(parts_per_second() * left), 1.0, static_cast<double>(kMostParts - parts)));
       const double part = left / more;
       for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
-        if (parts == 0 || !bodies_[slot]) continue;
-        bodies_[slot]->applyCentralForce(forces[slot]);
-        bodies_[slot]->applyTorque(torques[slot]);
+        if (!bodies_[slot]) continue;
+        if (parts == 0) {
+          forces[slot] = bodies_[slot]->getTotalForce();
+          torques[slot] = bodies_[slot]->getTotalTorque();
+        } else {
+          bodies_[slot]->applyCentralForce(forces[slot]);
+          bodies_[slot]->applyTorque(torques[slot]);
+        }
       }
       for (const auto& joint : joints_)
         if (joint) joint->prepare(part, dt);
