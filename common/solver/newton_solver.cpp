@@ -20,6 +20,10 @@ constexpr double kLeastMove = 1e-5;
 constexpr double kUsualReduction = 0.01;
 constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
 constexpr int kMaxRevisions = 4;    // of the terms in a step
+// m, rad. Contact points lie 2 mm apart. If iterations have moved something further since contact last changed, it may
+// have passed a surface that has no contact yet. Without this contact the minimum is elsewhere. The first iteration
+// does not count, because its contacts are predicted.
+constexpr double kFarMove = 3e-3;
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
 // Tolerance of the condensed solve of contact, as a fraction of `residual_tolerance`.
@@ -190,6 +194,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   bool has_gradient = true;             // if `evaluated`: and so is the potential's gradient
   bool linearised = !policy_.reuses();  // and so is the Hessian
   int revisions = 0;
+  double moved = 0;  // since the terms last changed
   bool have_best = false;
   double best_energy = 0;
   report.status = StepStatus::iteration_limit;
@@ -229,9 +234,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       }
       has_direction = find_direction(state, condenses, meter);
       if (!has_direction) {
-        // The condensed model has no room for the contacts, or no solution. The rest of the step takes plain factors.
-        condenses = linearised = false;
+        // The condensed model has no room for the contacts, or no solution. An exact Hessian can be indefinite without
+        // the contacts that its factor has in addition; a projected one is not. The other steps end with plain factors.
         decision.renewal = FactorPolicy::Renewal::whole;
+        linearised = !policy_.carried().touches_much && potential_.project_hessian(state, meter);
+        condenses = linearised;
         continue;
       }
       if (!direction_.allFinite()) return false;
@@ -274,11 +281,14 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     // A step that converges soon is revised twice. Once contact is solved roughly, it is revised for the first time,
     // so that the next iterations serve the new terms too. At its end it is revised again, so that its result hardly
     // depends on the way there.
-    const bool is_rough = condenses && revisions == 0 && report.residual <= kRough;
-    const bool may_be_last = is_truncated || is_rough || iteration >= kLateIteration || policy_.has_converged(report) ||
+    if (iteration > 0) moved += scale * report.increment;
+    const bool is_rough = revisions == 0 && report.residual <= kRough;
+    const bool may_be_last = is_truncated || (condenses && (is_rough || moved > kFarMove)) ||
+                             iteration >= kLateIteration || policy_.has_converged(report) ||
                              report.increment <= options_.increment_tolerance;
     if (may_be_last && revisions < kMaxRevisions && revise(state)) {
       ++revisions;
+      moved = 0;
       touches = linkage_.any_touching();
       may_be_chord = may_be_chord && !touches;
       policy_.start_again(condenses);
