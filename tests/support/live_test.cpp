@@ -1,13 +1,13 @@
 // live_test COMMAND...: runs a test of real processes, which needs a machine that runs them in time.
 //
-// Beside the test it wakes every 5 ms with the highest real-time priority. Only a stop of the whole machine delays it
-// by more than 60 ms: the host of a virtual machine gave its cores to others. Such a stop looks like a dead process to
-// each deadline, lease and watchdog. The result of a test then says nothing about the programs.
+// Beside the test it wakes on each core every 5 ms with the highest real-time priority. Only a stop of the core delays
+// it by more than 60 ms: the host of a virtual machine gave the core to others. Such a stop looks like a dead process
+// to each deadline, lease and watchdog. The result of a test then says nothing about the programs.
 //
-// The exit code is the test's own, with two exceptions. Both give 77, with the measured stops, and ctest reports the
-// test as skipped:
-// - The test failed, and stops took over 5 % of its time. It gets two more chances.
-// - Stops took over 20 % of the time after three seconds or later. The test is ended.
+// The exit code is the test's own, with two exceptions. Both give 77, and ctest reports the test as skipped:
+// - The test failed, and the stops of a core took over 5 % of its time. It gets two more chances.
+// - The stops of a core took over 20 % of the time after three seconds or later. The test is ended.
+// The stops beside a test that failed are printed.
 #include <sched.h>
 #include <signal.h>
 #include <sys/prctl.h>
@@ -15,10 +15,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
+#include <list>
 #include <string>
 #include <thread>
 
@@ -33,29 +35,65 @@ constexpr Clock::duration kPeriod = 5ms;
 constexpr Clock::duration kStop = 60ms;  // Linux delays real-time threads by at most 50 ms in each second
 constexpr double kExcuse = 0.05, kHopeless = 0.2;
 
-/// The stops of the machine during one run of the test.
+/// The stops of one core since construction.
+class CoreStops {
+ public:
+  explicit CoreStops(std::size_t core)
+      : watcher_([this, core](const std::stop_token& stop) {
+          cpu_set_t only;
+          CPU_ZERO(&only);
+          CPU_SET(core, &only);
+          sched_setaffinity(0, sizeof only, &only);
+          const sched_param highest{sched_get_priority_max(SCHED_FIFO)};
+          sched_setscheduler(0, SCHED_FIFO, &highest);  // it may be forbidden: then load delays us too
+          watch(stop);
+        }) {}
+  Seconds lost() const { return lost_.load(); }
+  Seconds longest() const { return longest_.load(); }
+
+ private:
+  void watch(const std::stop_token& stop) {
+    for (Clock::time_point due = Clock::now(); !stop.stop_requested();) {
+      due += kPeriod;
+      std::this_thread::sleep_until(due);
+      const Clock::time_point now = Clock::now();
+      if (now - due < kStop) continue;
+      lost_ = lost_.load() + (now - due);
+      longest_ = std::max<Seconds>(longest_.load(), now - due);
+      due = now;
+    }
+  }
+
+  std::atomic<Seconds> lost_{}, longest_{};
+  std::jthread watcher_;
+};
+
+/// The stops of all cores that this process may use, during one run of the test.
 class Stops {
  public:
-  void wait() {
-    due_ += kPeriod;
-    std::this_thread::sleep_until(due_);
-    const Clock::time_point now = Clock::now();
-    if (now - due_ < kStop) return;
-    lost_ += now - due_;
-    longest_ = std::max<Seconds>(longest_, now - due_);
-    due_ = now;
+  Stops() {
+    cpu_set_t cores;
+    sched_getaffinity(0, sizeof cores, &cores);
+    for (std::size_t core = 0; core < CPU_SETSIZE; ++core) {
+      if (CPU_ISSET(core, &cores)) cores_.emplace_back(core);
+    }
   }
   Seconds elapsed() const { return Clock::now() - start_; }
-  double lost_share() const { return lost_ / elapsed(); }
+  /// Of the core that lost most.
+  double lost_share() const { return worst().lost() / elapsed(); }
   void print() const {
-    std::printf("live_test: the machine stood still for %.2f of %.2f s, at most for %.2f s at a time\n", lost_.count(),
-                elapsed().count(), longest_.count());
+    std::printf("live_test: a core stood still for %.2f of %.2f s, at most for %.2f s at a time\n",
+                worst().lost().count(), elapsed().count(), worst().longest().count());
   }
 
  private:
+  const CoreStops& worst() const {
+    return *std::max_element(cores_.begin(), cores_.end(),
+                             [](const CoreStops& a, const CoreStops& b) { return a.lost() < b.lost(); });
+  }
+
   const Clock::time_point start_ = Clock::now();
-  Clock::time_point due_ = start_;
-  Seconds lost_{}, longest_{};
+  std::list<CoreStops> cores_;
 };
 
 /// Starts the test in a process group of its own. It ends with this process. Returns its id, or -1 if fork fails.
@@ -90,8 +128,6 @@ int main(int, char** arguments) {
     return 2;
   }
   prctl(PR_SET_CHILD_SUBREAPER, 1);
-  const sched_param highest{sched_get_priority_max(SCHED_FIFO)};
-  sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &highest);  // it may be forbidden: then load delays us too
   Seconds used{};
   for (int run = 0; run < 3 && used < 30s; ++run) {
     Stops stops;
@@ -103,12 +139,12 @@ int main(int, char** arguments) {
     int status = 0;
     bool is_hopeless = false;
     while (!is_hopeless && waitpid(test, &status, WNOHANG) != test) {
-      stops.wait();
+      std::this_thread::sleep_for(kPeriod);
       is_hopeless = stops.elapsed() > 3s && stops.lost_share() > kHopeless;
     }
     const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
     const bool is_excused = is_hopeless || (code != 0 && code != kSkipped && stops.lost_share() > kExcuse);
-    if (is_excused) stops.print();
+    if (is_hopeless || (code != 0 && code != kSkipped)) stops.print();
     if (is_hopeless) kill(-test, SIGKILL);
     end_children();
     if (!is_excused) return code;
