@@ -22,13 +22,15 @@ runs=$("$live_test" sh -c "sleep 1000 & echo run \$!; $stop exit 1")
 for process in $(echo "$runs" | sed -n 's/^run //p'); do
   kill -0 "$process" 2> /dev/null && { echo "process $process lives"; failures=1; }
 done
-# So does a stop of one core. A program of the same priority takes the core as the host would. It may be forbidden.
+# So does a stop of one core. A program of the same priority takes the core as the host would.
 hold='import time; end = time.monotonic() + 0.3
 while time.monotonic() < end: pass'
-core=$(($(nproc) - 1))
+core=$(sed -n 's/^Cpus_allowed_list:.*[^0-9]//p' /proc/self/status) # the last one
 if chrt -f 99 taskset -c "$core" true 2> /dev/null; then
   runs=$(HOLD="$hold" "$live_test" sh -c "echo run; chrt -f 99 taskset -c $core python3 -c \"\$HOLD\"; exit 1")
   [ $? = 77 ] && [ "$(echo "$runs" | grep -c '^run')" = 3 ] || { echo "no three runs: $runs"; failures=1; }
+else
+  echo "left out: a stop of one core, because real-time priority is not permitted"
 fi
 # Stops that do not end are hopeless after three seconds.
 hopeless=$(timeout 60 "$live_test" sh -c "while true; do $stop sleep 0.1; done")
