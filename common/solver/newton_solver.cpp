@@ -20,9 +20,9 @@ constexpr double kLeastMove = 1e-5;
 constexpr double kUsualReduction = 0.01;
 constexpr double kShortStep = 0.2;  // scale of an iteration: if it is shorter, all further moves are straight
 constexpr int kMaxRevisions = 4;    // of the terms in a step
-// m, rad. Contact points lie 2 mm apart. If iterations have moved something further since contact last changed, it may
-// have passed a surface that has no contact yet. Without this contact the minimum is elsewhere. The first iteration
-// does not count, because its contacts are predicted.
+// m, rad. Contact points lie 2 mm apart. What has moved further since the terms last changed may have passed a surface
+// without a contact. Without this contact the minimum is elsewhere. The first iteration does not count, because its
+// contacts are predicted.
 constexpr double kFarMove = 3e-3;
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
@@ -234,8 +234,9 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       }
       has_direction = find_direction(state, condenses, meter);
       if (!has_direction) {
-        // The condensed model has no room for the contacts, or no solution. An exact Hessian can be indefinite without
-        // the contacts that its factor has in addition; a projected one is not. The other steps end with plain factors.
+        // The condensed model has no solution or no room for the contacts. It has no solution if the exact Hessian is
+        // indefinite without the contacts that the factor has in addition. Then a projected Hessian is tried.
+        // Otherwise the rest of the step takes plain factors.
         decision.renewal = FactorPolicy::Renewal::whole;
         linearised = !policy_.carried().touches_much && potential_.project_hessian(state, meter);
         condenses = linearised;
@@ -280,7 +281,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     ++report.iterations;
     // A step that converges soon is revised twice. Once contact is solved roughly, it is revised for the first time,
     // so that the next iterations serve the new terms too. At its end it is revised again, so that its result hardly
-    // depends on the way there.
+    // depends on the way there. In between it is revised if something has moved far.
     if (iteration > 0) moved += scale * report.increment;
     const bool is_rough = revisions == 0 && report.residual <= kRough;
     const bool may_be_last = is_truncated || (condenses && (is_rough || moved > kFarMove)) ||
