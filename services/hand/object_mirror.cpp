@@ -75,7 +75,8 @@ bool is_elsewhere(const ObjectState& before, const ObjectState& now) {
   return (to_vector(now.position) - to_vector(before.position)).norm() > kMetres || turned > kRadians;
 }
 
-constexpr double kHandStale = 0.1;  // s; contacts of another hand that are older do not act
+constexpr double kHandStale = 0.1;     // s; contacts of another hand that are older do not act
+constexpr double kFarthestStep = 0.1;  // m; an object that moves farther in a step was put elsewhere
 
 }  // namespace
 
@@ -393,6 +394,16 @@ void ObjectMirror::follow_owner(const KnownObject& object, Nanoseconds now) {
   const bool touches = simulation_.touched(object.slot);
   const Twist velocity = touches ? simulation_.carrying_velocity(pose.position)
                                  : Twist{to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)};
+  // It moves on from where this hand has it. The pressure at the start of a step bounds its friction. A jump to the
+  // extrapolated start would change this pressure by the error of the extrapolation, and the grip would slip.
+  const Pose last = simulation_.slot_pose(object.slot);
+  const Pose next = extrapolated(pose, velocity, extrapolation(owner->stamp.sample_time, now));
+  if (touches && (next.position - last.position).norm() < kFarthestStep) {
+    const Vector3 moved = next.position - last.position,
+                  turned = rotation_log(next.orientation * last.orientation.conjugate());
+    simulation_.set_slot_motion(object.slot, last, {moved / time_step_, turned / time_step_});
+    return;
+  }
   follow(object, now, owner->stamp.sample_time, pose, velocity);
 }
 
