@@ -394,8 +394,9 @@ void ObjectMirror::follow_owner(const KnownObject& object, Nanoseconds now) {
   const bool touches = simulation_.touched(object.slot);
   const Twist velocity = touches ? simulation_.carrying_velocity(pose.position)
                                  : Twist{to_vector(twin->linear_velocity), to_vector(twin->angular_velocity)};
-  // It moves on from where this hand has it. The pressure at the start of a step bounds its friction. A jump to the
-  // extrapolated start would change this pressure by the error of the extrapolation, and the grip would slip.
+  // A touched object moves on from where the last step left it. The pressure at the start of a step bounds its
+  // friction. A jump to the extrapolated start would change this pressure by the error of the extrapolation, and the
+  // grip would slip.
   const Pose last = simulation_.slot_pose(object.slot);
   const Pose next = extrapolated(pose, velocity, extrapolation(owner->stamp.sample_time, now));
   if (touches && (next.position - last.position).norm() < kFarthestStep) {

@@ -87,7 +87,7 @@ class BusyCores final : public RigWitness {
 // The guest's box jumped before each step by the error of its extrapolation. The jump changed the pressure that bounds
 // friction. So the guest slipped, and the box fell with all four seeds.
 TEST(TwoHands, LiftABoxWithLateMessages) {
-  constexpr double kSeconds = 5;  // 1.2 s after the lift
+  constexpr double kSeconds = 5;  // almost two seconds after the lift
   constexpr double kLifted = 0.15;
   const std::vector<std::string> settings{"hand.model=" SOFTHAND_SOURCE_DIR "/config/hands/right_400.hand.json",
                                           "tracking.rate_hz=360", "haptic.rate_hz=250", "simulate.hand_phase=0.25",
