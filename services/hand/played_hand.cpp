@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 #include "device/bone_contacts.hpp"
+#include "device/intermediate_motion.hpp"
 #include "math/rotation.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
@@ -40,6 +41,7 @@ void PlayedHand::take_state(const PlayedHand& other) {
   tracked_ = other.tracked_;
   traction_.load(other.traction_.save());
   skeleton_ = other.skeleton_;
+  mean_velocities_ = other.mean_velocities_;
   any_skeleton_ = other.any_skeleton_;
   reposition_asked_ = other.reposition_asked_;
   settling_time_ = other.settling_time_;
@@ -53,6 +55,7 @@ void PlayedHand::reset(Nanoseconds time) {
   tracked_ = TrackedInput(options_.tracked_input);
   // The last valid joint poses say nothing about the place of the hand after the reset.
   skeleton_ = {};
+  mean_velocities_ = {};
   traction_.forget();
   any_skeleton_ = reposition_asked_ = false;
   settling_time_ = 0;
@@ -110,8 +113,27 @@ void PlayedHand::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
       joint.orientation = to_wire(moved.orientation);
       joint.linear_velocity = joint.angular_velocity = {};
     }
+    mean_velocities_ = {};
+  } else {
+    estimate_velocities(before);
   }
   any_skeleton_ = true;
+}
+
+void PlayedHand::estimate_velocities(const Skeleton& before) {
+  const double elapsed =
+      static_cast<double>(skeleton_.stamp.sample_time - before.stamp.sample_time) * kSecondsPerNanosecond;
+  for (std::size_t j = 0; j < kJointCount; ++j) {
+    Twist& mean = mean_velocities_[j];
+    if (!(elapsed > 0) || (before.joints[j].flags & kJointValid) == 0) {
+      mean = {};
+      continue;
+    }
+    const Pose from = to_pose(before.joints[j]), to = to_pose(skeleton_.joints[j]);
+    mean.linear = mean_velocity<Vector3>(mean.linear, to.position - from.position, elapsed);
+    mean.angular =
+        mean_velocity<Vector3>(mean.angular, rotation_log(to.orientation * from.orientation.conjugate()), elapsed);
+  }
 }
 
 void PlayedHand::set_targets(Nanoseconds now) {
@@ -132,15 +154,21 @@ void PlayedHand::set_targets(Nanoseconds now) {
   }
   if (!any_skeleton_) return;
   const double age = age_of(skeleton_.stamp.sample_time, now).value_or(0);
-  const double ahead = std::clamp(age, 0.0, options_.extrapolation_limit);
+  const IntermediateMotion motion = intermediate_motion(std::min(age, options_.extrapolation_limit));
   const bool moving = age <= options_.extrapolation_limit;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
-    const JointSample& joint = skeleton_.joints[slot_of(joint_of(static_cast<Body>(b)))];
+    const std::size_t j = slot_of(joint_of(static_cast<Body>(b)));
+    const JointSample& joint = skeleton_.joints[j];
     if ((joint.flags & kJointValid) == 0) continue;
-    const Twist velocity = twist_of(joint);
-    simulation_.set_target(static_cast<Body>(b),
-                           increment(to_pose(joint), ahead * velocity.linear, ahead * velocity.angular),
-                           moving ? velocity : Twist{}, std::max(joint.confidence, kLeastConfidence), hand_);
+    const Twist own = twist_of(joint), &mean = mean_velocities_[j];
+    const Pose pose = increment(to_pose(joint), motion.own_time * own.linear + motion.mean_time * mean.linear,
+                                motion.own_time * own.angular + motion.mean_time * mean.angular);
+    Twist velocity;
+    if (moving) {
+      velocity.linear = mean.linear + motion.own_share * (own.linear - mean.linear);
+      velocity.angular = mean.angular + motion.own_share * (own.angular - mean.angular);
+    }
+    simulation_.set_target(static_cast<Body>(b), pose, velocity, std::max(joint.confidence, kLeastConfidence), hand_);
   }
 }
 
@@ -264,6 +292,7 @@ template <typename Self, typename Visit>
 void PlayedHand::visit_own(Self& self, Visit&& visit) {
   visit(self.tracked_);
   visit(self.skeleton_);
+  visit(self.mean_velocities_);
   visit(self.any_skeleton_);
   visit(self.reposition_asked_);
   visit(self.settling_time_);

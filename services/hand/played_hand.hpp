@@ -1,6 +1,7 @@
 // One hand of the hand's loop: its input, its targets, and what is published of it.
 #pragma once
 
+#include <array>
 #include <vector>
 
 #include "device/tracked_input.hpp"
@@ -80,6 +81,7 @@ class PlayedHand {
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
   void reposition(const Pose& wrist);
+  void estimate_velocities(const Skeleton& before);
   Stamp next_stamp(Nanoseconds now) const;
   void write_skeleton();
   void write_surface();
@@ -92,6 +94,8 @@ class PlayedHand {
   SkinTractionReport traction_;
   TrackedInput tracked_;  // used only if the intermediate layer is left out
   Skeleton skeleton_;     // newest intermediate skeleton
+  // Of the joints of `skeleton_`: mean velocity over the last samples. A late sample is extrapolated with it.
+  std::array<Twist, kJointCount> mean_velocities_{};
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;
   double settling_time_ = 0;  // s until the fingers have come to the targets after a reposition

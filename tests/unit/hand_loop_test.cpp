@@ -152,6 +152,32 @@ TEST(HandLoop, ReportsStaleInputWithinATenthOfASecond) {
 }
 
 // The taken state is one in which an object is held. The second loop has another history of its solver and slots.
+// Largest distance of the wrist from where it should be, while no skeleton comes for 110 ms. Before, the wrist moves
+// with `speed`. The skeletons say that it moves by `noise` faster, in turn to both sides.
+double farthest_without_samples(double speed, double noise) {
+  HandLoop loop(hand(), loop_options(), {});
+  const auto wrist_at = [&](int step) { return Vector3(speed * step / 90, 0, 0); };
+  double farthest = 0;
+  for (int i = 0; i < 40; ++i) {
+    const Nanoseconds now = kSecond + i * 11'111'111;
+    Skeleton sample =
+        skeleton_at(hand(), {wrist_at(i), Quaternion::Identity()}, now, static_cast<std::uint64_t>(i) + 1);
+    for (JointSample& joint : sample.joints) joint.linear_velocity = {speed + (i % 2 == 0 ? noise : -noise), 0, 0};
+    loop.step(now, {i < 30 ? &sample : nullptr}, {});
+    // The last sample is extrapolated for 50 ms. Then the hand waits.
+    const Vector3 expected = wrist_at(std::min(i, 29)) + Vector3(speed * std::clamp((i - 29) / 90.0, 0.0, 0.05), 0, 0);
+    if (i >= 20) farthest = std::max(farthest, (loop.simulation().joint_pose(Joint::wrist).position - expected).norm());
+  }
+  return farthest;
+}
+
+// The intermediate layer is stiff, so its velocity is mostly the tracker's noise: 0.1 mm give 0.3 m/s. Late samples
+// were extrapolated with it for 50 ms, which moved a resting hand by 15 mm and a held cube by 5 to 26 mm.
+TEST(HandLoop, NoiseOfTheVelocityDoesNotMoveAHandWithoutSamples) {
+  EXPECT_LT(farthest_without_samples(0, 0.3), 1e-3);
+  EXPECT_LT(farthest_without_samples(0.5, 0.3), 4e-3);
+}
+
 TEST(HandLoop, ContinuesLikeTheLoopWhoseStateItTook) {
   const HandModel model = hand();
   HandLoop one(model, loop_options(), {}), two(model, loop_options(), {});
