@@ -7,8 +7,11 @@
 namespace softhand {
 
 /// The spring to the tracked bone is stiff. So after each sample of the tracker the intermediate bone jumps, within
-/// this time, and a good tracker's noise of 0.1 mm gives it 0.3 m/s. Only its mean velocity lasts longer. s.
+/// about this time, and a good tracker's noise of 0.1 mm gives it 0.3 m/s. Only its mean velocity lasts longer. s.
 inline constexpr double kIntermediateJumpTime = 1e-3;
+
+/// Younger samples than this are not late: two periods of the tracking loop. s.
+inline constexpr double kIntermediateFreshTime = 2e-3;
 
 /// The bone's displacement is `own_time` v + `mean_time` m, and its velocity is `own_share` v + (1 - `own_share`) m.
 /// Here v is the velocity in the sample, and m is the mean velocity over the last samples.
@@ -18,10 +21,11 @@ struct IntermediateMotion {
   double own_share = 1;
 };
 
-/// `age` of the sample, s, >= 0.
+/// `age` of the sample, s, >= 0. The velocity in the sample counts in full while the sample is fresh. Then it decays.
 inline IntermediateMotion intermediate_motion(double age) {
-  const double own_share = std::exp(-age / kIntermediateJumpTime);
-  const double own_time = kIntermediateJumpTime * (1 - own_share);
+  const double late = std::max(0.0, age - kIntermediateFreshTime);
+  const double own_share = std::exp(-late / kIntermediateJumpTime);
+  const double own_time = age - late + kIntermediateJumpTime * (1 - own_share);
   return {own_time, std::max(0.0, age - own_time), own_share};
 }
 
@@ -29,7 +33,7 @@ inline IntermediateMotion intermediate_motion(double age) {
 /// `Value` is a number or a vector.
 template <typename Value>
 Value mean_velocity(const Value& before, const Value& moved, double elapsed) {
-  constexpr double kSmoothing = 8e-3;  // s
+  constexpr double kSmoothing = 20e-3;  // s. With less, the mean overshoots more, and soft couplings are less stable.
   return (kSmoothing * before + moved) / (elapsed + kSmoothing);
 }
 

@@ -165,8 +165,8 @@ void PlayedHand::set_targets(Nanoseconds now) {
                                 motion.own_time * own.angular + motion.mean_time * mean.angular);
     Twist velocity;
     if (moving) {
-      velocity.linear = mean.linear + motion.own_share * (own.linear - mean.linear);
-      velocity.angular = mean.angular + motion.own_share * (own.angular - mean.angular);
+      velocity.linear = motion.own_share * own.linear + (1 - motion.own_share) * mean.linear;
+      velocity.angular = motion.own_share * own.angular + (1 - motion.own_share) * mean.angular;
     }
     simulation_.set_target(static_cast<Body>(b), pose, velocity, std::max(joint.confidence, kLeastConfidence), hand_);
   }

@@ -62,7 +62,7 @@ double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, dou
     mean = mean_velocity(mean, x_copy - x_taken, H);
     x_taken = x_copy;
     const double x_target = x_copy + motion.own_time * v_copy + motion.mean_time * mean;
-    const double v_target = mean + motion.own_share * (v_copy - mean);
+    const double v_target = motion.own_share * v_copy + (1 - motion.own_share) * mean;
     const double dy = (mass * w / H + coupling * (x_target - y) + b2 * v_target) / (mass / (H * H) + b2 / H + coupling);
     for (int s = 0; s < steps; ++s) {
       const double y_age = std::min(old_periods * H + s * h, limit);
