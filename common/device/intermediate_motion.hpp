@@ -6,11 +6,11 @@
 
 namespace softhand {
 
-/// The spring to the tracked bone is stiff. So after each sample of the tracker the intermediate bone jumps, within
-/// about this time, and a good tracker's noise of 0.1 mm gives it 0.3 m/s. Only its mean velocity lasts longer. s.
+/// The spring to the tracked bone is stiff. So the intermediate bone jumps after each sample of the tracker, within about
+/// this time. A good tracker's noise of 0.1 mm then gives it 0.3 m/s. Only its mean velocity lasts longer. s.
 inline constexpr double kIntermediateJumpTime = 1e-3;
 
-/// Younger samples than this are not late: two periods of the tracking loop. s.
+/// Younger samples than this are not late: two periods of the tracking loop at its default rate. s.
 inline constexpr double kIntermediateFreshTime = 2e-3;
 
 /// The bone's displacement is `own_time` v + `mean_time` m, and its velocity is `own_share` v + (1 - `own_share`) m.

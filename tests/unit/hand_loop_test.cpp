@@ -151,7 +151,6 @@ TEST(HandLoop, ReportsStaleInputWithinATenthOfASecond) {
   EXPECT_LT(loop.counters().stale_steps, 12u);
 }
 
-// The taken state is one in which an object is held. The second loop has another history of its solver and slots.
 // Largest distance of the wrist from where it should be, while no skeleton comes for 110 ms. Before, the wrist moves
 // with `speed`. The skeletons say that it moves by `noise` faster, in turn to both sides.
 double farthest_without_samples(double speed, double noise) {
@@ -172,12 +171,13 @@ double farthest_without_samples(double speed, double noise) {
 }
 
 // The intermediate layer is stiff, so its velocity is mostly the tracker's noise: 0.1 mm give 0.3 m/s. Late samples
-// were extrapolated with it for 50 ms, not 3 ms. That moved a resting hand by 15 mm and a held cube by 5 to 26 mm.
+// were extrapolated with it for 50 ms, not 3 ms. That moved a resting hand by 15 mm, and a held cube by more than 5 mm.
 TEST(HandLoop, NoiseOfTheVelocityDoesNotMoveAHandWithoutSamples) {
   EXPECT_LT(farthest_without_samples(0, 0.3), 1.3e-3);
   EXPECT_LT(farthest_without_samples(0.5, 0.3), 4e-3);
 }
 
+// The taken state is one in which an object is held. The second loop has another history of its solver and slots.
 TEST(HandLoop, ContinuesLikeTheLoopWhoseStateItTook) {
   const HandModel model = hand();
   HandLoop one(model, loop_options(), {}), two(model, loop_options(), {});
