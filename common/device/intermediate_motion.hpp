@@ -6,8 +6,8 @@
 
 namespace softhand {
 
-/// The spring to the tracked bone is stiff. So the intermediate bone jumps after each sample of the tracker, within about
-/// this time. A good tracker's noise of 0.1 mm then gives it 0.3 m/s. Only its mean velocity lasts longer. s.
+/// The spring to the tracked bone is stiff. So the intermediate bone jumps after each sample of the tracker, within
+/// about this time. A good tracker's noise of 0.1 mm then gives it 0.3 m/s. Only its mean velocity lasts longer. s.
 inline constexpr double kIntermediateJumpTime = 1e-3;
 
 /// Younger samples than this are not late: two periods of the tracking loop at its default rate. s.
