@@ -50,6 +50,16 @@ SOFTHAND_INLINE const typename Shape<Scalar>::Vector& vector_at(const Scalar* at
   return *reinterpret_cast<const typename Shape<Scalar>::Vector*>(at);
 }
 
+// The solves read each tile of the factor once. Those of a large mesh wait for memory, so they ask for a tile this many
+// tiles before they read it.
+constexpr int kAhead = 12;
+
+template <int kCount, typename Scalar>
+SOFTHAND_INLINE void prefetch(const Scalar* at) {
+  constexpr int kCacheLine = 64 / static_cast<int>(sizeof(Scalar));
+  for (int i = 0; i < kCount; i += kCacheLine) __builtin_prefetch(at + i);
+}
+
 template <typename Vector>
 SOFTHAND_INLINE auto sum_of(const Vector& vector) {
   auto sum = vector[0];
@@ -433,6 +443,7 @@ void forward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inver
       Vector sum[2][S::kParts] = {};
       std::int32_t p = 0;
       for (; p + 2 <= depth; p += 2) {
+        prefetch<2 * kTile>(tile + p * kTile + kAhead * kTile * kTile);
         for (int half = 0; half < 2; ++half) {
           for (int k = 0; k < S::kParts; ++k)
             sum[half][k] += vector_at(tile + (p + half) * kTile + k * S::kWidth) * pivot[p + half];
@@ -503,11 +514,56 @@ void forward_columns(const CholeskyPlan& plan, const std::uint8_t* included, con
   }
 }
 
+// The tiles in the order in which `backward` reads them. It goes through the fronts from the last one to the first, and
+// so through the tile columns of a front. Each column goes from the diagonal down.
+template <typename Scalar>
+class BackwardTiles {
+ public:
+  BackwardTiles(const CholeskyPlan& plan, const Scalar* panels)
+      : plan_(plan), panels_(panels), front_(plan.front_count) {
+    next_front();
+    for (int k = 0; k < kAhead; ++k) next();
+  }
+  SOFTHAND_INLINE void next() {
+    prefetch<kTile * kTile>(tile_);
+    tile_ += step_;
+    if (tile_ < end_) return;
+    if (column_ > 0) {
+      --column_;
+      end_ -= kTile * kTile;
+      tile_ = diagonal_ -= step_ + kTile * kTile;
+    } else {
+      next_front();
+    }
+  }
+
+ private:
+  void next_front() {
+    if (front_ == 0) {
+      step_ = 0;
+      return;
+    }
+    const CholeskyFront& front = plan_.fronts[--front_];
+    step_ = tile_step_of(front);
+    column_ = front.pivot_tiles - 1;
+    tile_ = diagonal_ = panels_ + front.panel + column_ * (step_ + kTile * kTile);
+    end_ = panels_ + front.panel + (front.pivot_tiles + front.row_tiles) * step_ + column_ * kTile * kTile;
+  }
+
+  const CholeskyPlan& plan_;
+  const Scalar* panels_;
+  std::size_t front_;
+  int column_ = 0;
+  std::ptrdiff_t step_ = 0;
+  const Scalar *tile_ = nullptr, *diagonal_ = nullptr, *end_ = nullptr;
+};
+
 template <typename Scalar>
 void backward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inverse_diagonal, Scalar* x,
               Scalar* scratch) {
   using S = Shape<Scalar>;
   using Vector = typename S::Vector;
+  BackwardTiles<Scalar> ahead(plan, panels);
   for (std::size_t f = plan.front_count; f-- > 0;) {
     const CholeskyFront& front = plan.fronts[f];
     const std::ptrdiff_t step = tile_step_of(front);
@@ -526,8 +582,10 @@ void backward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inve
     for (int j = front.pivot_tiles; j-- > 0;) {
       const std::int32_t first = j * kTile;
       const int width = front.pivots - first < kTile ? front.pivots - first : kTile;
+      ahead.next();
       Vector sum[kTile][S::kParts] = {};
       for (int t = j + 1; t < tiles; ++t) {
+        ahead.next();
         const Scalar* const tile = panel + t * step + first * kTile;
         for (int k = 0; k < S::kParts; ++k) {
           const Vector below = vector_at(scratch + t * kTile + k * S::kWidth);
