@@ -78,6 +78,7 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     note_lowest();
   }
   double before = 0;
+  bool has_new_factor = false;  // of this step
   const double iteration_work = prices.solve + prices.evaluation;
   for (int iteration = 0; iteration < kMaxPredictions; ++iteration) {
     if (work_budget_ > 0 && report.work + iteration_work + (renews ? prices.whole_factor : 0.0) > work_budget_)
@@ -100,7 +101,8 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     ++report.iterations;
     report.increment = direction_.lpNorm<Eigen::Infinity>();
     const double moved = linkage.root_mean_square(direction_);
-    const bool stalled = iteration > 0 && renews && moved > kStalledPrediction * before;
+    has_new_factor = has_new_factor || renews;
+    const bool stalled = iteration > 0 && has_new_factor && moved > kStalledPrediction * before;
     carried_.contracts_slowly =
         iteration > 0 ? moved > kSlowContraction * before : carried_.contracts_slowly && !renews;
     const bool moved_little = moved <= tolerance_ && linkage.largest_move(direction_) <= kLargest * tolerance_;
