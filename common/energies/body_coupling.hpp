@@ -15,8 +15,9 @@
 // - A force cap: U = 1/2 K d^2 while K d <= cap. Beyond that U = cap d - cap^2/(2K), so the whole force, including
 //   damping, never exceeds the cap. The secant stiffness is K min(1, cap/(K d)).
 //
-// The projected Hessian is the secant stiffness times the identity. It bounds the exact curvature from above. The
-// logarithm takes the shortest arc. At a rotation of exactly pi the direction of the torque is a choice, and finite.
+// The projected Hessian is the secant stiffness times the identity. It bounds the exact curvature from above. With half
+// of this stiffness along a capped stretch, steps that a budget cuts off move too far. The logarithm takes the shortest
+// arc. At a rotation of exactly pi the direction of the torque is a choice, and finite.
 //
 // Degrees of freedom: six per coupled body. Units: J; m, rad; N, N m.
 #pragma once

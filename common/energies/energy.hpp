@@ -1,7 +1,9 @@
 // The interface of an energy term. The solver knows nothing else about a term.
 #pragma once
 
+#include <cstdint>
 #include <limits>
+#include <span>
 #include <string_view>
 
 #include "energies/energy_ledger.hpp"
@@ -52,6 +54,18 @@ class Energy {
   virtual double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const {
     add_hessian(state, hessian, curvature);
     return add_gradient(state, gradient);
+  }
+  /// Adds the elements around some nodes, as a function of the positions of these nodes alone. `nodes` ascend. Three
+  /// entries of `gradient` belong to each of them. `blocks`: the lower triangle of the projected Hessian by rows of
+  /// blocks, nine numbers per block, column-major, and one more block as scratch. The default is right for a term
+  /// without elements that stiffen much within a step.
+  struct Around {
+    double energy = 0;  ///< J
+    double share = 0;   ///< of the term's elements that were evaluated
+  };
+  virtual Around add_around(std::span<const std::int32_t> /*nodes*/, const State& /*state*/, double* /*gradient*/,
+                            double* /*blocks*/) const {
+    return {};
   }
   /// Called after an iteration that moved the step's start to `state`. A term may change what it fixed in `begin_step`,
   /// because the iteration went another way than predicted. Example: it crossed a surface. Returns whether `value` has

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -103,6 +104,22 @@ Tissue::Tissue(const TissueModel& model, InstructionSet set, std::string_view na
     batch.limit_ramp[lane] = m.strain_limit_ramp;
     batch.ramp_rate[lane] = m.strain_limit_ramp > 0 ? 0.5 / m.strain_limit_ramp : 0;
   }
+  const auto node_count = static_cast<std::size_t>(model.node_count());
+  first_around_.assign(node_count + 1, 0);
+  for (const auto& nodes : model.tetrahedra) {
+    for (const std::int32_t node : nodes) ++first_around_[static_cast<std::size_t>(node) + 1];
+  }
+  std::partial_sum(first_around_.begin(), first_around_.end(), first_around_.begin());
+  around_.resize(4 * count);
+  std::vector<std::int32_t> next = first_around_;
+  for (std::size_t e = 0; e < count; ++e) {
+    for (const std::int32_t node : model.tetrahedra[e])
+      around_[static_cast<std::size_t>(next[static_cast<std::size_t>(node)]++)] = static_cast<std::int32_t>(e);
+  }
+  place_.assign(node_count, -1);
+  gradient_around_.assign(3 * node_count, 0.0);
+  is_chosen_.assign(count, 0);
+  chosen_.reserve(count);
 }
 
 void Tissue::add_pattern(BlockPattern& pattern) const {
@@ -164,6 +181,56 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
                           .blocks = hessian.values().data(),
                           .projected = curvature == Curvature::projected,
                           .single_blocks = single_hessian_});
+}
+
+Energy::Around Tissue::add_around(std::span<const std::int32_t> nodes, const State& state, double* gradient,
+                                  double* blocks) const {
+  chosen_.clear();
+  for (std::size_t place = 0; place < nodes.size(); ++place) {
+    const auto node = static_cast<std::size_t>(nodes[place]);
+    if (node >= place_.size()) continue;
+    place_[node] = static_cast<std::int32_t>(place);
+    for (std::int32_t k = first_around_[node]; k < first_around_[node + 1]; ++k) {
+      const std::int32_t element = around_[static_cast<std::size_t>(k)];
+      std::uint8_t& is_chosen = is_chosen_[static_cast<std::size_t>(element)];
+      if (is_chosen == 0) chosen_.push_back(element);
+      is_chosen = 1;
+    }
+  }
+  const auto scratch_block = static_cast<std::int32_t>(nodes.size() * (nodes.size() + 1) / 2);
+  Around result;
+  for (std::size_t first = 0; first < chosen_.size(); first += kElementBatch) {
+    batch_around_.count = std::min(kElementBatch, chosen_.size() - first);
+    for (std::size_t lane = 0; lane < kElementBatch; ++lane) {
+      const Place from = place_of(chosen_[first + std::min(lane, batch_around_.count - 1)]);
+      batch_around_.copy_lane(lane, batches_[from.batch], from.lane);
+      std::size_t slot = 0;
+      for (std::size_t a = 0; a < 4; ++a) {
+        const std::int32_t row = place_[static_cast<std::size_t>(batch_around_.node[a][lane])];
+        for (std::size_t b = 0; b <= a; ++b, ++slot) {
+          const std::int32_t column = place_[static_cast<std::size_t>(batch_around_.node[b][lane])];
+          batch_around_.slot[slot][lane] = row < 0 || column < 0 ? scratch_block : row * (row + 1) / 2 + column;
+        }
+      }
+    }
+    result.energy += kernel_(&batch_around_, 1, state.node_positions.data(),
+                             {.gradient = gradient_around_.data(), .blocks = blocks, .single_blocks = single_hessian_});
+  }
+  evaluated_elements_ += chosen_.size();
+  result.share = static_cast<double>(chosen_.size()) / element_count_;
+  for (const std::int32_t element : chosen_) {
+    is_chosen_[static_cast<std::size_t>(element)] = 0;
+    for (const std::int32_t node : corners_[static_cast<std::size_t>(element)]) {
+      double* const from = &gradient_around_[3 * static_cast<std::size_t>(node)];
+      const std::int32_t place = place_[static_cast<std::size_t>(node)];
+      for (std::int32_t k = 0; k < 3 && place >= 0; ++k) gradient[3 * place + k] += from[k];
+      std::fill_n(from, 3, 0.0);
+    }
+  }
+  for (const std::int32_t node : nodes) {
+    if (static_cast<std::size_t>(node) < place_.size()) place_[static_cast<std::size_t>(node)] = -1;
+  }
+  return result;
 }
 
 // Uses the sign of the volume. Computing det F of all tetrahedra, or finding them in their batches, would take most of

@@ -64,6 +64,8 @@ class Tissue final : public Energy {
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
   double add_all(const State& state, VectorX& gradient, BlockMatrix& hessian, Curvature curvature) const override;
+  Around add_around(std::span<const std::int32_t> nodes, const State& state, double* gradient,
+                    double* blocks) const override;
 
  private:
   double evaluate(const State& state, const ElementOutput& output) const;
@@ -85,6 +87,14 @@ class Tissue final : public Energy {
   std::vector<TissueBatch> batches_;    // of the first half, the second half and the crossed elements
   std::array<std::size_t, 4> group_{};  // begin and end of these three groups
   std::vector<std::int32_t> position_;  // per element: kElementBatch times its batch, plus its lane
+  // The elements around each node: from `first_around_[node]` to `first_around_[node + 1]` in `around_`.
+  std::vector<std::int32_t> first_around_, around_;
+  // Scratch of `add_around`: per node its place (-1: it is fixed) and its gradient, per element whether it is in
+  // `chosen_`, and a batch of them.
+  mutable std::vector<std::int32_t> place_, chosen_;
+  mutable std::vector<double> gradient_around_;
+  mutable std::vector<std::uint8_t> is_chosen_;
+  mutable TissueBatch batch_around_;
 };
 
 }  // namespace softhand

@@ -21,6 +21,19 @@ struct TissueBatch : ElementBatch {
   double mu[kElementBatch], lambda[kElementBatch];                     ///< Pa
   double limit_energy[kElementBatch], limit_stiffness[kElementBatch];  ///< W_max, k_s; J/m^3
   double limit_ramp[kElementBatch], ramp_rate[kElementBatch];          ///< w; 1/(2 w), or 0 without a ramp
+
+  /// Copies an element without its slots.
+  void copy_lane(std::size_t lane, const TissueBatch& from, std::size_t from_lane) {
+    for (std::size_t k = 0; k < 9; ++k) shape[k][lane] = from.shape[k][from_lane];
+    for (std::size_t a = 0; a < 4; ++a) node[a][lane] = from.node[a][from_lane];
+    volume[lane] = from.volume[from_lane];
+    mu[lane] = from.mu[from_lane];
+    lambda[lane] = from.lambda[from_lane];
+    limit_energy[lane] = from.limit_energy[from_lane];
+    limit_stiffness[lane] = from.limit_stiffness[from_lane];
+    limit_ramp[lane] = from.limit_ramp[from_lane];
+    ramp_rate[lane] = from.ramp_rate[from_lane];
+  }
 };
 
 /// `positions`: three per node, metres. Returns U_t in joules. If F is not finite in a lane, the result is NaN, and

@@ -44,6 +44,11 @@ void DenseCholesky::assign(const Dense& first, Eigen::Index first_size, const De
   }
 }
 
+void DenseCholesky::assign(std::span<const double> blocks, Eigen::Index size) {
+  size_ = size;
+  std::copy_n(blocks.data(), 9 * (size / 3 * (size / 3 + 1) / 2), values_.data());
+}
+
 bool DenseCholesky::factorize() {
   const auto count = static_cast<std::int32_t>(size_);
   if (front_.pivots != count) {

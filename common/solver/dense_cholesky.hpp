@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "math/instruction_set.hpp"
@@ -24,6 +25,8 @@ class DenseCholesky {
   /// of `second`. Both are symmetric. It reads their lower triangles. The sizes are multiples of three. The factor
   /// stays as it is.
   void assign(const Dense& first, Eigen::Index first_size, const Dense& second, Eigen::Index second_size);
+  /// A := the matrix of these blocks: the lower triangle by rows of blocks, nine numbers per block, column-major.
+  void assign(std::span<const double> blocks, Eigen::Index size);
   /// Adds to the block of A at a row and a column of blocks, row >= column.
   void add(Eigen::Index row, Eigen::Index column, const Matrix3& block) {
     Eigen::Map<Matrix3>(values_.data() + 9 * (row * (row + 1) / 2 + column)) += block;

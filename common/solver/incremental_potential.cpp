@@ -48,6 +48,7 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
   }
   for (std::size_t k = first_kinked_; k < order_.size(); ++k) kinked_.push_back(terms_[order_[k]]);
   gradient_ = displacement_ = carried_.gradient = carried_.node_gradient = VectorX::Zero(layout_.dof_count());
+  other_stiffness_ = VectorX::Zero(9 * hessian_.core_blocks());
   start_ = empty_state(layout_);
   carried_.positions = start_.node_positions;
   carried_.poses = start_.body_poses;
@@ -55,6 +56,7 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
 
 void IncrementalPotential::begin_step(const State& state, double time_step) {
   start_ = state;
+  time_step_ = time_step;
   exact_now_ = tries_exact_;
   for (Energy* term : terms_) term->begin_step(state, time_step);
 }
@@ -79,6 +81,17 @@ void IncrementalPotential::measure_displacement(const State& state) {
     displacement_.segment<3>(3 * layout_.body_rotation_block(body)) =
         rotation_log(now.orientation * start.orientation.conjugate());
   }
+}
+
+Energy::Around IncrementalPotential::add_around(std::span<const std::int32_t> nodes, const State& state,
+                                                double* gradient, double* blocks) const {
+  Energy::Around result;
+  for (std::size_t k = 0; k < first_bodily_; ++k) {
+    const Energy::Around of_term = terms_[order_[k]]->add_around(nodes, state, gradient, blocks);
+    result.energy += of_term.energy;
+    result.share += of_term.share;
+  }
+  return result;
 }
 
 bool IncrementalPotential::knows_potentials_at(const State& state) const {
@@ -113,6 +126,12 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
     known = first_frozen_;
     gradient_ = carried_.gradient;
   }
+  const bool notes_others = request.hessian && first_bodily_ < first_kinked_ && !knows_other_stiffness();
+  const Eigen::Map<const VectorX> stiffness(hessian_.values().data(), other_stiffness_.size());
+  const auto note_others = [&] {
+    other_stiffness_ += stiffness;
+    other_time_step_ = time_step_;
+  };
   for (std::size_t k = 0; k < order_.size(); ++k) {
     const std::size_t t = order_[k];
     if (k == first_bodily_ && known == 0) carried_.node_gradient = gradient_;
@@ -122,7 +141,11 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
       carried_.poses = state.body_poses;
       carried_.known = true;
     }
-    if (request.hessian && k == first_kinked_) hessian_.begin_journal();
+    if (notes_others && k == first_bodily_) other_stiffness_ = -stiffness;
+    if (request.hessian && k == first_kinked_) {
+      if (notes_others) note_others();
+      hessian_.begin_journal();
+    }
     const double energy = k < known ? carried_.joules[k]
                           : request.hessian
                               ? terms_[t]->add_all(state, gradient_, hessian_, k < first_kinked_ ? smooth : curvature_)
@@ -135,6 +158,7 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
     taken = taken_so_far;
     report.energy += energy;
   }
+  if (notes_others && kinked_.empty()) note_others();
   report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
   report.work += request.hessian ? meter.prices.linearisation
                  : known > 0     ? meter.prices.frozen_evaluation
@@ -205,6 +229,8 @@ void IncrementalPotential::measure_start(const State& state, StepReport& report)
 void IncrementalPotential::take_over(const IncrementalPotential& other, bool with_hessian) {
   carried_ = other.carried_;
   version_ = other.version_;
+  other_stiffness_ = other.other_stiffness_;
+  other_time_step_ = other.other_time_step_;
   if (with_hessian) hessian_ = other.hessian_;
 }
 

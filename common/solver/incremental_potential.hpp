@@ -78,6 +78,16 @@ class IncrementalPotential {
   /// Gradient of the potentials that depend on nodes only, at the last state where they were evaluated.
   const VectorX& node_gradient() const { return carried_.node_gradient; }
 
+  /// The potentials that depend on nodes only, as a function of a few of them: Energy::add_around.
+  Energy::Around add_around(std::span<const std::int32_t> nodes, const State& state, double* gradient,
+                            double* blocks) const;
+  /// A stored block of the core: the sum of all other terms without kinks. It is that of the first linearisation with
+  /// this time step, because attachments and inertia, which act on nodes, have a constant one.
+  Eigen::Map<const Matrix3> other_stiffness(std::int32_t stored) const {
+    return Eigen::Map<const Matrix3>(other_stiffness_.data() + 9 * static_cast<std::ptrdiff_t>(stored));
+  }
+  bool knows_other_stiffness() const { return other_time_step_ == time_step_; }
+
   /// See NewtonSolver::measure_work.
   void measure_work(bool taken, bool start_of_chord_steps);
   /// Fills `TermEnergy::start` at the start of a chord step, if `measure_work` asked for it.
@@ -96,6 +106,7 @@ class IncrementalPotential {
   /// No potential is known from an earlier evaluation.
   void forget() {
     carried_.known = false;
+    other_time_step_ = 0;
     ++version_;
   }
   /// Takes over what the last step of `other` left, and its Hessian if `with_hessian`. `other` must have the same
@@ -123,7 +134,10 @@ class IncrementalPotential {
   std::vector<std::int32_t> diagonal_;  // stored block of each diagonal block
   std::vector<std::int32_t> changed_;
   VectorX gradient_;
-  VectorX displacement_;  // the increment from start_ to the state evaluated last
+  VectorX other_stiffness_;     // nine per stored block of the core
+  double other_time_step_ = 0;  // of `other_stiffness_`, s; 0: unknown
+  double time_step_ = 0;        // of this step, s
+  VectorX displacement_;        // the increment from start_ to the state evaluated last
   State start_;
   Carried carried_;
   bool measures_work_ = false;

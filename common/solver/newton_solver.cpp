@@ -35,6 +35,9 @@ constexpr double kWellPredicted = 1e-3;
 // If the touched blocks fill at most this part of the room of the condensed model, the next step with a budget uses it
 // again.
 constexpr double kRoomy = 0.9;
+// Nodes are relieved if the residual force of one is above this (N), and above this fraction of the largest residual.
+// If bodies are much further out of balance, the next iteration moves the nodes again.
+constexpr double kLeastRelief = 0.02, kDominant = 0.3;
 constexpr int kContactSolves = 3;     // after a step that did not converge
 constexpr double kContactWork = 0.3;  // fast steps that each of them may take even if no budget remains
 
@@ -68,11 +71,12 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       linkage_(layout),
       loose_solve_(layout.dof_count()),
       local_newton_(layout),
+      elimination_(layout, potential_.hessian()),
       condensed_newton_(layout),
       room_(options.condenses_all_contact ? CondensedNewton::kMaxBlocks : CondensedNewton::room(prices_.per_operation)),
       compliance_(potential_.hessian().core_count(), room_),
       best_(empty_state(layout)) {
-  pull_ = direction_ = VectorX::Zero(layout.dof_count());
+  pull_ = direction_ = relief_ = VectorX::Zero(layout.dof_count());
 }
 
 StepReport NewtonSolver::step(State& state, double time_step) {
@@ -271,6 +275,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       has_gradient = false;
       break;
     }
+    if (evaluated && (condenses || !touches)) {
+      const Moved relieved = relieve_nodes(state, condenses, meter);
+      if (relieved == Moved::not_finite) return false;
+      linearised = linearised && relieved == Moved::no;
+    }
     policy_.learn(decision,
                   {.scale = scale,
                    .condenses = condenses,
@@ -376,6 +385,35 @@ NewtonSolver::Moved NewtonSolver::move_touched(State& state, bool objects_only, 
   if (line_search_.search(potential_, linkage_, direction_, state, meter, {}) == 0) return Moved::no;
   if (revise(state) && !potential_.evaluate(state, meter, {})) return Moved::not_finite;
   return Moved::yes;
+}
+
+// Brings a few nodes with large residual forces into balance with what is around them. Energy, residual and gradient
+// must be those of `state`. A step with a budget has more important work: with and without this, recorded fists were
+// equally far off.
+NewtonSolver::Moved NewtonSolver::relieve_nodes(State& state, bool condenses, StepMeter& meter) {
+  if (options_.work_budget > 0 || !potential_.knows_other_stiffness()) return Moved::no;
+  StepReport& report = meter.report;
+  const StepWork& prices = meter.prices;
+  const auto nodes = potential_.gradient().head(3 * layout_.node_count);
+  const double largest = nodes.size() > 0 ? nodes.lpNorm<Eigen::Infinity>() : 0.0;
+  if (largest <= std::max(kLeastRelief, kDominant * report.residual)) return Moved::no;
+  NonlinearElimination::Result result;
+  {
+    const auto timer = meter.time(&StepTiming::solve);
+    if (condenses)
+      MovingBlocks::renew_kinked(potential_.kinked(), state, potential_.curvature(), potential_.change_hessian());
+    result = elimination_.minimise(state, potential_, condenses, relief_);
+    if (condenses) potential_.change_hessian().take_back();
+  }
+  report.work += (condenses ? prices.contact_blocks : 0.0) + result.share * prices.linearisation +
+                 result.operations * prices.per_operation;
+  if (!result.found) return Moved::no;
+  const double increment = report.increment;
+  const double scale = line_search_.search(potential_, linkage_, relief_, state, meter, {.gradient = true});
+  report.increment = increment;
+  // The gradient is that of a trial if no trial lowers the energy.
+  if (scale == 0 && !potential_.evaluate(state, meter, {})) return Moved::not_finite;
+  return scale == 0 ? Moved::no : Moved::yes;
 }
 
 // Solves contact after a step that did not converge. Returns false if a value is NaN or infinite.

@@ -11,7 +11,7 @@
 // LooseSolve solves with a Hessian that has blocks outside the pattern of the factor, from contact of skin with skin.
 // CondensedNewton solves contact on the condensed hand. LocalNewton solves contact alone, at the end of a truncated
 // step. MovingBlocks are the unknowns that these two move. Compliance holds how the touched nodes give way to forces on
-// each other, under the last factor.
+// each other, under the last factor. NonlinearElimination brings a few nodes with large residual forces into balance.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //
@@ -32,6 +32,7 @@
 #include "solver/linkage.hpp"
 #include "solver/local_newton.hpp"
 #include "solver/loose_solve.hpp"
+#include "solver/nonlinear_elimination.hpp"
 #include "solver/predictor.hpp"
 #include "solver/solver_options.hpp"
 #include "solver/step_report.hpp"
@@ -95,6 +96,7 @@ class NewtonSolver {
   enum class Moved : std::uint8_t { yes, no, not_finite };
   Moved move_touched(State& state, bool objects_only, StepMeter& meter);
   bool solve_contact(State& state, StepMeter& meter);
+  Moved relieve_nodes(State& state, bool condenses, StepMeter& meter);
   bool find_direction(const State& state, bool condenses, StepMeter& meter);
 
   SolverOptions options_;
@@ -111,10 +113,11 @@ class NewtonSolver {
   Guess guess_;                            // null: the iterations begin at the start of the step
   LooseSolve loose_solve_;
   LocalNewton local_newton_;
+  NonlinearElimination elimination_;
   CondensedNewton condensed_newton_;
   int room_;               // of `compliance_`, blocks
   Compliance compliance_;  // of the last factor, if it is without terms with kinks
-  VectorX pull_, direction_;
+  VectorX pull_, direction_, relief_;
   State best_;
 };
 
