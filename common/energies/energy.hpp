@@ -55,10 +55,10 @@ class Energy {
     add_hessian(state, hessian, curvature);
     return add_gradient(state, gradient);
   }
-  /// Adds the elements around some nodes, as a function of the positions of these nodes alone. `nodes` ascend. Three
-  /// entries of `gradient` belong to each of them. `blocks`: the lower triangle of the projected Hessian by rows of
-  /// blocks, nine numbers per block, column-major, and one more block as scratch. The default is right for a term
-  /// without elements that stiffen much within a step.
+  /// Adds the elements around some nodes, as a function of the positions of these nodes alone. `nodes` ascend. Those of
+  /// other parts have no elements. Three entries of `gradient` (N) belong to each node. `blocks`: the lower triangle of
+  /// the projected Hessian (N/m) by rows of blocks, nine numbers per block, column-major, then one block of scratch.
+  /// The default is right for a term without elements that stiffen much within a step.
   struct Around {
     double energy = 0;  ///< J
     double share = 0;   ///< of the term's elements that were evaluated

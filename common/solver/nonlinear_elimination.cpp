@@ -81,8 +81,8 @@ void NonlinearElimination::select(const VectorX& gradient) {
   for (std::size_t k = 0; k < nodes_.size(); ++k) place_[at(nodes_[k])] = static_cast<std::int32_t>(k);
 }
 
-// Moves the nodes from `state` by `moves_`. Returns the energy there and computes `gradient_` and the elements' Hessian
-// in `blocks_`.
+// Returns the energy of the model after the nodes moved from `state` by `moves`. Computes `gradient_`, and the
+// elements' Hessian in `blocks_`.
 double NonlinearElimination::evaluate(const State& state, const VectorX& moves, const IncrementalPotential& potential,
                                       Result& result) {
   const Eigen::Index rows = 3 * static_cast<Eigen::Index>(nodes_.size());

@@ -24,7 +24,7 @@ class NonlinearElimination {
 
   struct Result {
     bool found = false;     ///< `direction` lowers the model's energy
-    double share = 0;       ///< evaluated elements over all elements
+    double share = 0;       ///< evaluated elements over all elements, summed over the terms
     double operations = 0;  ///< floating-point operations of the factors
   };
   /// Minimises over the nodes with the largest residual forces and their neighbours. `potential` knows the gradient at

@@ -240,6 +240,8 @@ TEST(Tissue, ElementsAroundNodesHaveTheirPartOfTheDerivatives) {
   const Energy::Around after = around(part, blocks);
   EXPECT_NEAR(after.energy - before.energy, tissue.value(state) - value, 1e-13 * value);
   EXPECT_EQ(after.share, before.share);
+  const std::vector<std::int32_t> foreign{box.node_count()};  // a node of another part of the scene
+  EXPECT_EQ(tissue.add_around(foreign, state, part.data(), blocks.data()).share, 0);
 }
 
 TEST(Tissue, RestIsStationaryAndRotationFree) {
