@@ -24,6 +24,7 @@
 #include <vector>
 
 #include "energies/energy.hpp"
+#include "solver/bfgs_correction.hpp"
 #include "solver/condensed_newton.hpp"
 #include "solver/factor_policy.hpp"
 #include "solver/hessian_factor.hpp"
@@ -112,6 +113,7 @@ class NewtonSolver {
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
   Guess guess_;                            // null: the iterations begin at the start of the step
   LooseSolve loose_solve_;
+  BfgsCorrection correction_;
   LocalNewton local_newton_;
   NonlinearElimination elimination_;
   CondensedNewton condensed_newton_;
