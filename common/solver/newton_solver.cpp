@@ -29,7 +29,7 @@ constexpr std::int64_t kLateIteration = 15;
 // Tolerance of the condensed solve of contact, as a fraction of `residual_tolerance`.
 constexpr double kContactTolerance = 0.1;
 // Residual (N, N m) below which the terms are revised for the first time.
-constexpr double kRough = 0.1;
+constexpr double kRough = 0.03;
 // m, RMS of the bones: if velocities miss the guess by more, they do not predict its contacts either.
 constexpr double kWellPredicted = 1e-3;
 // If the touched blocks fill at most this part of the room of the condensed model, the next step with a budget uses it
@@ -202,6 +202,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   double moved = 0;  // since the terms last changed
   bool have_best = false;
   double best_energy = 0;
+  bool may_correct = true;
   correction_.clear();
   report.status = StepStatus::iteration_limit;
   if (!evaluate_first(state, has_guess, continues, linearised, meter)) return false;
@@ -251,7 +252,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       if (!direction_.allFinite()) return false;
       if (!is_truncated) {
         if (decision.renewal != FactorPolicy::Renewal::none) correction_.clear();
-        is_corrected = correction_.correct(potential_.gradient(), direction_);
+        is_corrected = may_correct && correction_.correct(potential_.gradient(), direction_);
       }
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
       linearised = !is_last && !policy_.may_reuse() && kUsualReduction * report.residual > options_.residual_tolerance;
@@ -282,6 +283,8 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       break;
     }
     correction_.add_move(direction_, scale);
+    // Where kinks are near, earlier moves do not show the Hessian. Then a correction can raise the residual.
+    may_correct = may_correct && !(is_corrected && report.residual > residual_before);
     // A step that is cut off has more important work: with and without this, recorded fists were equally far off.
     if (!is_truncated && evaluated) {
       const Moved relieved = relieve_nodes(state, condenses, meter);

@@ -12,6 +12,7 @@
 // CondensedNewton solves contact on the condensed hand. LocalNewton solves contact alone, at the end of a truncated
 // step. MovingBlocks are the unknowns that these two move. Compliance holds how the touched nodes give way to forces on
 // each other, under the last factor. NonlinearElimination brings a few nodes with large residual forces into balance.
+// BfgsCorrection corrects the directions of a factor that serves several iterations.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //
