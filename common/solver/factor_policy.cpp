@@ -112,11 +112,10 @@ bool FactorPolicy::improve(Decision& decision, bool is_most_precise, const StepR
 }
 
 void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, const StepReport& report) {
-  // With one factor, the increments shrink by a constant ratio. For a new factor or a corrected one, only the residual
-  // shows the contraction.
+  // With one factor, the increments shrink by a constant ratio. For a new factor, only the residual shows the
+  // contraction.
   const double of_residual = iteration.residual_before > 0 ? report.residual / iteration.residual_before : 0.0;
-  const bool is_same = decision.renewal == Renewal::none && !iteration.corrected && last_move_ > 0;
-  contraction_ = is_same ? iteration.move / last_move_ : of_residual;
+  contraction_ = decision.renewal != Renewal::none || last_move_ == 0 ? of_residual : iteration.move / last_move_;
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
   estimated_move_ = remaining_move_ * std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   last_move_ = iteration.move;

@@ -49,7 +49,6 @@ class FactorPolicy {
   struct Iteration {
     double scale = 0;            ///< of the line search
     bool condenses = false;      ///< terms with kinks were exact (CondensedNewton)
-    bool corrected = false;      ///< the direction was not that of the factor alone (BfgsCorrection)
     double move = 0;             ///< the largest, relative to its tolerance
     double residual_before = 0;  ///< N and N m
     bool measured = false;       ///< the report's residual is that of the result

@@ -70,7 +70,6 @@ NewtonSolver::NewtonSolver(std::vector<Energy*> terms, DofLayout layout, const S
       predictor_(options, layout),
       linkage_(layout),
       loose_solve_(layout.dof_count()),
-      correction_(layout),
       local_newton_(layout),
       elimination_(layout, potential_.hessian()),
       condensed_newton_(layout),
@@ -202,8 +201,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   double moved = 0;  // since the terms last changed
   bool have_best = false;
   double best_energy = 0;
-  bool may_correct = true;
-  correction_.clear();
   report.status = StepStatus::iteration_limit;
   if (!evaluate_first(state, has_guess, continues, linearised, meter)) return false;
   for (std::int64_t iteration = 0; iteration < options_.max_iterations; ++iteration) {
@@ -226,7 +223,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     evaluated = !is_last || options_.measure_result || have_best;
     const double residual_before = report.residual;
     double scale = 0;
-    bool factorised = true, has_direction = true, is_corrected = false;
+    bool factorised = true, has_direction = true;
     // Usually one pass. If the energy does not fall along the direction, the next pass has a better factor.
     do {
       if (decision.renewal == FactorPolicy::Renewal::kinks && !factor_.renew_kinks(potential_, state, meter))
@@ -250,10 +247,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
         continue;
       }
       if (!direction_.allFinite()) return false;
-      if (!is_truncated) {
-        if (decision.renewal != FactorPolicy::Renewal::none) correction_.clear();
-        is_corrected = may_correct && correction_.correct(potential_.gradient(), direction_);
-      }
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
       linearised = !is_last && !policy_.may_reuse() && kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) {
@@ -282,20 +275,15 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       has_gradient = false;
       break;
     }
-    correction_.add_move(direction_, scale);
-    // Where kinks are near, earlier moves do not show the Hessian. Then a correction can raise the residual.
-    may_correct = may_correct && !(is_corrected && report.residual > residual_before);
     // A step that is cut off has more important work: with and without this, recorded fists were equally far off.
     if (!is_truncated && evaluated) {
       const Moved relieved = relieve_nodes(state, condenses, meter);
       if (relieved == Moved::not_finite) return false;
       linearised = linearised && relieved == Moved::no;
-      if (relieved == Moved::yes) correction_.clear();
     }
     policy_.learn(decision,
                   {.scale = scale,
                    .condenses = condenses,
-                   .corrected = is_corrected,
                    .move = scale * largest_move(state, condenses),
                    .residual_before = residual_before,
                    .measured = evaluated},
@@ -315,7 +303,6 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       touches = linkage_.any_touching();
       may_be_chord = may_be_chord && !touches;
       policy_.start_again(condenses);
-      correction_.clear();
       if (!potential_.evaluate(state, meter, {})) return false;
       evaluated = true;
       linearised = have_best = false;

@@ -12,7 +12,6 @@
 // CondensedNewton solves contact on the condensed hand. LocalNewton solves contact alone, at the end of a truncated
 // step. MovingBlocks are the unknowns that these two move. Compliance holds how the touched nodes give way to forces on
 // each other, under the last factor. NonlinearElimination brings a few nodes with large residual forces into balance.
-// BfgsCorrection corrects the directions of a factor that serves several iterations.
 //
 // Each module that hands something from a step to the next keeps it in one value, `Carried`.
 //
@@ -25,7 +24,6 @@
 #include <vector>
 
 #include "energies/energy.hpp"
-#include "solver/bfgs_correction.hpp"
 #include "solver/condensed_newton.hpp"
 #include "solver/factor_policy.hpp"
 #include "solver/hessian_factor.hpp"
@@ -114,7 +112,6 @@ class NewtonSolver {
   std::function<bool(Linkage&)> prepare_;  // null: no chord steps
   Guess guess_;                            // null: the iterations begin at the start of the step
   LooseSolve loose_solve_;
-  BfgsCorrection correction_;
   LocalNewton local_newton_;
   NonlinearElimination elimination_;
   CondensedNewton condensed_newton_;

@@ -119,8 +119,7 @@ TEST(TwoHandsInOneSimulation, FarHandsDoNothingToEachOther) {
   }
   EXPECT_EQ(both.simulation.work().skin_queries, 0u);
   EXPECT_LE(both.simulation.work().skin_part_queries, 40u * 36u) << "36 pairs of parts of two hands";
-  // Both hands correct their factor by the same moves, which saves iterations here.
-  EXPECT_LE(both.simulation.work().tissue_elements, 2 * dearer);
+  EXPECT_EQ(both.simulation.work().tissue_elements, 2 * dearer);
 }
 
 TEST(TwoHandsInOneSimulation, TwoThreadsAndASavedStateGiveTheSameBits) {
