@@ -22,7 +22,7 @@
 #include "model/hand_model.hpp"
 #include "runtime/config.hpp"
 #include "runtime/flight_options.hpp"
-#include "scene/soft_object.hpp"
+#include "model/soft_object.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"

@@ -19,7 +19,7 @@
 #include "model/object_model.hpp"
 #include "model/state.hpp"
 #include "model/tissue_model.hpp"
-#include "scene/soft_object.hpp"
+#include "model/soft_object.hpp"
 
 namespace softhand {
 

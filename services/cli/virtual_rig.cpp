@@ -82,6 +82,7 @@ struct VirtualRig::Hand final : TrackerSink {
   Delayed<Contacts> contacts_to_tracking;
   Delayed<WorldObjects> objects_to_hand;
   Delayed<ObjectCoupling> coupling_to_world;
+  std::vector<Delayed<SoftObjectState>> soft_to_world;  // by flexible object of its process
   Delayed<BoneWrench> wrench_to_haptic;
   std::vector<Delayed<ObjectCoupling>> coupling_to_hand;  // by the hand that receives it; to itself: not used
   std::vector<ObjectCoupling> other_hands;                // the newest one that this hand has received from each
@@ -118,8 +119,8 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
     : options_(scene.options),
       witness_(witness),
       transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
-      world_(
-          std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints)) {
+      world_(std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz,
+                                         options_.joints, scene.soft_objects)) {
   for (const ObjectDescription& description : world_->descriptions()) {
     const bool has_file = !description.shape.file.empty();
     file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);
@@ -176,6 +177,7 @@ void VirtualRig::make_hand_loop(Hand& first, const Scene& scene) {
   for (std::size_t h = first.place; h < hands_.size(); ++h) hands.push_back({hands_[h]->model, hands_[h]->key});
   if (hands.size() == 1) {
     first.soft_objects = scene.soft_objects;
+    first.soft_to_world.resize(scene.soft_objects.size());
     first.options = scene.options.hand;
   }
   const auto loop = std::make_shared<HandLoop>(hands, first.options, object_spring(options_.world), first.soft_objects);
@@ -311,6 +313,8 @@ void VirtualRig::step_hand(Hand& first, Nanoseconds now) {
     if (hand.output.valid) publish(hand, done, coupling);
   }
   send(first.coupling_to_world, RigLoop::hand, done, coupling);
+  for (std::size_t i = 0; i < first.soft_to_world.size(); ++i)
+    send(first.soft_to_world[i], RigLoop::hand, done, loop.output().soft_objects[i]);
   for (std::size_t other = 0; other < hands_.size(); ++other)
     if (hands_[other]->loop != first.loop) send(first.coupling_to_hand[other], RigLoop::hand, done, coupling);
   for (int h = 0; h < loop.hand_count() && after_hand_step_; ++h) {
@@ -344,7 +348,12 @@ void VirtualRig::publish(Hand& hand, Nanoseconds done, const ObjectCoupling& cou
 void VirtualRig::step_world(Nanoseconds now) {
   for (const auto& hand : hands_)
     if (const ObjectCoupling* coupling = hand->coupling_to_world.receive(now)) keep_newest(couplings_, *coupling);
-  WorldObjects objects = world_->step(now, {couplings_}).objects;
+  soft_states_.clear();
+  for (const auto& hand : hands_) {
+    for (auto& state : hand->soft_to_world)
+      if (const SoftObjectState* newest = state.receive(now)) soft_states_.push_back(*newest);
+  }
+  WorldObjects objects = world_->step(now, {couplings_, soft_states_}).objects;
   objects.stamp.publish_time = now;
   for (const ObjectState& object : objects.objects) {
     add_bits(hasher_, object.position);

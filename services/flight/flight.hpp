@@ -27,6 +27,7 @@ inline constexpr std::uint8_t kFlightReset = kFlightInput + 1;
 inline constexpr std::uint8_t kFlightStep = kFlightInput + 2;
 inline constexpr std::uint8_t kFlightObject = kFlightInput + 3;
 inline constexpr std::uint8_t kFlightJoint = kFlightInput + 4;
+inline constexpr std::uint8_t kFlightSoftObject = kFlightInput + 5;
 
 /// Hash of the libraries that compute bits.
 extern const char* const kFlightBuild;

@@ -195,7 +195,7 @@ RepeatResult repeat_flight(const RepeatOptions& options, const Print& print) {
         file,
         [&] {
           return std::make_unique<WorldLoop>(scene.options.world, scene.options.objects, 1 / scene.options.hand.rate_hz,
-                                             scene.options.joints);
+                                             scene.options.joints, scene.soft_objects);
         },
         options, within_tolerance, print);
   } else {

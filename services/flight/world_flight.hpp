@@ -13,24 +13,31 @@ struct FlightTraits<WorldLoop> {
     bool is_new = true;  ///< a coupling has changed since the last step
   };
   static void write_input(ByteWriter& out, const Input& from, bool is_first_of_segment) {
+    const auto write_all = [&out](const auto& list) {
+      out.write(static_cast<std::uint32_t>(list.size()));
+      for (const auto& each : list) out.write(each);
+    };
     const bool writes = from.is_new || is_first_of_segment;
     out.write(writes);
-    if (!writes) return;
-    out.write(static_cast<std::uint32_t>(from.input.couplings.size()));
-    for (const ObjectCoupling& coupling : from.input.couplings) out.write(coupling);
+    if (writes) write_all(from.input.couplings);
+    write_all(from.input.soft_objects);
   }
   class Repeater {
    public:
     /// Valid until the next call.
     WorldInput read(ByteReader& in) {
       if (in.take<bool>()) in.read(couplings_);
-      return {couplings_};
+      in.read(soft_objects_);
+      return {couplings_, soft_objects_};
     }
     void step(WorldLoop& loop, Nanoseconds now, ByteReader& in) { loop.step(now, read(in)); }
-    void describe(WorldLoop&, std::uint8_t, ByteReader&) {}
+    void describe(WorldLoop& loop, std::uint8_t kind, ByteReader& in) {
+      if (kind == kFlightSoftObject) loop.describe_soft_object(in.take<SoftObjectDescription>());
+    }
 
    private:
     std::vector<ObjectCoupling> couplings_;
+    std::vector<SoftObjectState> soft_objects_;
   };
 
   static std::uint32_t status(const WorldLoop&) { return 0; }

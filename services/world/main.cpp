@@ -1,7 +1,10 @@
 // softhand-world: the bridge to a physics engine.
+#include <algorithm>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <utility>
+#include <vector>
 
 #include "flight/world_flight.hpp"
 #include "messages/newest_couplings.hpp"
@@ -17,7 +20,8 @@ void run(int argc, char** argv) {
   const ServiceArguments arguments = parse_arguments(argc, argv, "world", "The physics world of a scene");
   const Scene scene = read_scene(arguments.config, arguments.overrides);
   const WorldOptions& options = scene.options.world;
-  WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints);
+  WorldLoop loop(options, scene.options.objects, 1 / scene.options.hand.rate_hz, scene.options.joints,
+                 scene.soft_objects);
 
   Service service(arguments, options.rate_hz, Pacing::simulated);
   const auto recorder = make_flight_recorder(
@@ -29,6 +33,12 @@ void run(int argc, char** argv) {
   bus::Writer objects(service.participant(), bus::topics::objects);
   bus::Writer descriptions(service.participant(), bus::topics::object_description);
   bus::Writer joints(service.participant(), bus::topics::object_joint);
+  std::optional<bus::Reader<SoftObjectState>> soft_states;
+  std::optional<bus::Reader<SoftObjectDescription>> soft_descriptions;
+  if (!scene.soft_objects.empty()) {
+    soft_states.emplace(service.participant(), bus::topics::soft_object_state);
+    soft_descriptions.emplace(service.participant(), bus::topics::soft_object_description);
+  }
 
   const auto stamped_to = [&service](auto& writer) {
     return [&service, &writer](auto& description) {
@@ -39,6 +49,8 @@ void run(int argc, char** argv) {
   DescriptionChanges changes(loop, stamped_to(descriptions), stamped_to(joints));
 
   NewestCouplings newest(2 * bus::topics::kHands);  // as many as a reader follows
+  std::vector<SoftObjectState> soft_objects;  // the newest states since the last step
+  soft_objects.reserve(scene.soft_objects.size());
   auto out = std::make_unique<WorldObjects>();
   const auto step = [&](Nanoseconds now) {
     changes.pass_on(loop, now);
@@ -47,7 +59,21 @@ void run(int argc, char** argv) {
       is_new = true;
       newest.put(each, now);
     });
-    const WorldInput input{newest.all()};
+    soft_objects.clear();
+    if (soft_descriptions) {
+      soft_descriptions->take_some(kMaxSoftObjects, [&](const SoftObjectDescription& each) {
+        flight.describe(kFlightSoftObject, each, [&] { loop.describe_soft_object(each); });
+      });
+      soft_states->take_all([&](const SoftObjectState& each) {
+        const auto known = std::ranges::find(soft_objects, each.object, &SoftObjectState::object);
+        if (known != soft_objects.end()) {
+          *known = each;
+        } else if (soft_objects.size() < scene.soft_objects.size()) {
+          soft_objects.push_back(each);
+        }
+      });
+    }
+    const WorldInput input{newest.all(), soft_objects};
     const WorldOutput& result =
         flight.step(now, {input, is_new}, [&]() -> const WorldOutput& { return loop.step(now, input); });
     const WorldCounters before = std::exchange(counters, loop.counters());
@@ -62,6 +88,7 @@ void run(int argc, char** argv) {
                [&](LoopStatus& status, Nanoseconds now) {
                  loop.fill_status(status, now);
                  count_inputs(status, service.participant(), couplings);
+                 if (soft_states) count_inputs(status, service.participant(), *soft_states, *soft_descriptions);
                  add_counter(status, "couplings_from_future", static_cast<double>(newest.refused_future()));
                },
                [&](Nanoseconds time) { flight.reset(time); }});

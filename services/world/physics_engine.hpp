@@ -2,7 +2,9 @@
 // engines/engines.cpp.
 #pragma once
 
+#include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string_view>
@@ -36,6 +38,13 @@ struct EngineJoint {
   double coordinate = 0;  ///< q at the bodies' poses, or in a step before: the turn of a screw is the one nearest to it
 };
 
+/// A body that its caller moves and deforms. It pushes bodies, and nothing pushes it.
+struct EngineCopy {
+  std::span<const std::vector<std::int32_t>> pieces;  ///< the body is the union of the convex hulls of these vertices
+  std::span<const std::array<float, 3>> vertices;     ///< at the start, m, relative to the centre, world axes
+  double friction = 0;                                ///< a pair uses the geometric mean
+};
+
 /// Uniform solid of unit density: the convex hull of some points.
 struct HullSolid {
   double volume = 0;  ///< m^3; 0 if the points span no volume
@@ -65,11 +74,21 @@ class PhysicsEngine {
   virtual double reaction(std::size_t number) const = 0;
   /// Coordinate of the joint (`joint_coordinate`) at the start of the last step, or of its last part.
   virtual double coordinate(std::size_t number) const = 0;
+  /// Copies of flexible objects have numbers 0..kMaxSoftObjects - 1. A new one is hidden: bodies pass through it until
+  /// `move_copy`.
+  virtual void add_copy(std::size_t number, const EngineCopy& copy) = 0;
+  /// Where it is at the end of the next step: its centre (m), the velocity of the centre (m/s), and its vertices
+  /// relative to the centre. It stays there until the next call. `rests`: the bodies on it may sleep.
+  virtual void move_copy(std::size_t number, const Vector3& centre, const Vector3& velocity,
+                         std::span<const std::array<float, 3>> vertices, bool rests) = 0;
+  virtual void hide_copy(std::size_t number) = 0;
+  /// Whether the body passes through all copies of flexible objects. `add` sets it to false.
+  virtual void set_passing(std::size_t slot, bool passes) = 0;
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;
   /// Forgets everything that it carries from step to step: contacts, impulses, sleep, and the order in which objects
-  /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects and
-  /// joints, in the order of slots and numbers, at rest. Allocates nothing.
+  /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects, joints and
+  /// copies of flexible objects, in the order of slots and numbers, at rest. The copies are hidden. Allocates nothing.
   virtual void forget() = 0;
   /// Makes one step of `dt` seconds. Forces act during all of it. The engine may divide it into parts, but their number
   /// must follow from its state alone.

@@ -43,11 +43,12 @@ bool before(const HandKey& a, const HandKey& b) { return a.user != b.user ? a.us
 }  // namespace
 
 WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step,
-                     const std::vector<JointOptions>& joints)
+                     const std::vector<JointOptions>& joints, const std::vector<SoftObject>& soft_objects)
     : options_(options),
       step_(1 / options.rate_hz),
       gravity_(options.gravity[0], options.gravity[1], options.gravity[2]),
       engine_(make_physics_engine(options.engine)),
+      hand_step_(hand_step),
       output_(std::make_unique<WorldOutput>()) {
   std::string wrong;
   for (const std::string& text : check_world(options, objects, hand_step, joints))
@@ -74,6 +75,13 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
     insert(objects_.size() - 1);
   }
   make_joints(joints);
+  if (soft_objects.size() > kMaxSoftObjects)
+    throw std::invalid_argument(std::to_string(soft_objects.size()) + " flexible objects, expected at most " +
+                                std::to_string(kMaxSoftObjects));
+  for (const SoftObject& object : soft_objects) {
+    engine_->add_copy(copies_.size(), SoftCopy(object).engine_copy());
+    copies_.emplace_back(object);
+  }
 }
 
 WorldLoop::~WorldLoop() = default;
@@ -236,6 +244,10 @@ void WorldLoop::reset(Nanoseconds time) {
   reset_time_ = time;
   restore_all();
   for (Object& object : objects_) object.restarted = true;
+  for (std::size_t number = 0; number < copies_.size(); ++number) {
+    copies_[number].leave();
+    engine_->hide_copy(number);
+  }
 }
 
 void WorldLoop::restore_all() {
@@ -423,6 +435,38 @@ void WorldLoop::choose_owner(Object& object, Nanoseconds now, const WorldInput& 
   if (claims != nullptr) object.owner = *claims;
 }
 
+void WorldLoop::describe_soft_object(const SoftObjectDescription& description) {
+  const std::size_t number = description.object - kFirstSoftObject;
+  if (description.removed == 0 || number >= copies_.size()) return;
+  copies_[number].leave();
+  engine_->hide_copy(number);
+}
+
+/// The flexible objects to where they are at the end of this step. The hand that owns an object has their contact with
+/// it. In mode symmetric each hand that has a twin of the object does.
+void WorldLoop::move_copies(Nanoseconds now, const WorldInput& input) {
+  for (const SoftObjectState& state : input.soft_objects) {
+    if (state.stamp.sample_time <= reset_time_) continue;
+    const std::size_t number = state.object - kFirstSoftObject;
+    if (number >= copies_.size() || !age_of(state.stamp.sample_time, now) || !copies_[number].take(state))
+      ++counters_.refused_soft;
+  }
+  const double most_ahead = (1 + options_.staleness) * (step_ + hand_step_);
+  bool is_there = false;
+  for (std::size_t number = 0; number < copies_.size(); ++number) {
+    SoftCopy& copy = copies_[number];
+    if (!copy.is_there()) continue;
+    is_there = true;
+    if (copy.move(now, most_ahead, kMotionStall) != SoftCopy::Change::none) copy.place(*engine_, number);
+  }
+  if (!is_there) return;
+  const bool symmetric = options_.mode == "symmetric";
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    const Object& object = objects_[slot];
+    if (object.present) engine_->set_passing(slot, object.owned || (symmetric && object.near_hand));
+  }
+}
+
 const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
   for (const ObjectCoupling& coupling : input.couplings)
     if (age_of(coupling.stamp.sample_time, now)) newest_input_ = std::max(newest_input_, coupling.stamp.sample_time);
@@ -434,6 +478,7 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
     if (joints_[j].present)
       engine_->set_passive(j, objects_[joints_[j].engine.parent].owned || objects_[joints_[j].engine.child].owned);
   }
+  move_copies(now, input);
   engine_->step(step_);
   for (std::size_t j = 0; j < joints_.size(); ++j) {
     if (!joints_[j].present) continue;
@@ -584,6 +629,11 @@ void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "refused_nonfinite", static_cast<double>(counters_.refused_nonfinite));
   add_counter(status, "refused_future", static_cast<double>(counters_.refused_future));
   add_counter(status, "refused_mode", static_cast<double>(counters_.refused_mode));
+  if (!copies_.empty()) {
+    add_counter(status, "refused_soft", static_cast<double>(counters_.refused_soft));
+    add_counter(status, "soft_copys",
+                static_cast<double>(std::ranges::count_if(copies_, &SoftCopy::is_there)));
+  }
   add_counter(status, "stalls", static_cast<double>(counters_.stalls));
   add_counter(status, "vanished", static_cast<double>(counters_.vanished));
   add_counter(status, "repaired", static_cast<double>(counters_.repaired));

@@ -13,6 +13,7 @@
 #include "messages/plain_bytes.hpp"
 #include "world/follow.hpp"
 #include "world/physics_engine.hpp"
+#include "world/soft_copy.hpp"
 #include "world/solid.hpp"
 #include "world/world_options.hpp"
 
@@ -21,6 +22,8 @@ namespace softhand {
 struct WorldInput {
   /// The newest ObjectCoupling of each known hand, in any order. Old ones stay in the list and become stale.
   std::span<const ObjectCoupling> couplings;
+  /// States of flexible objects that have come since the last step. The order does not matter.
+  std::span<const SoftObjectState> soft_objects = {};
 };
 
 struct WorldOutput {
@@ -33,6 +36,9 @@ struct WorldCounters {
   /// Twins with values that are not finite or absurd (farther than 10 km). Each sample counts once a step.
   std::uint64_t refused_nonfinite = 0;
   std::uint64_t refused_future = 0;  ///< twins in a sample from the future, once a step
+  /// States of flexible objects: from the future, of an unknown object, with another number of nodes, or with values
+  /// that are not finite or absurd.
+  std::uint64_t refused_soft = 0;
   std::uint64_t refused_mode = 0;    ///< couplings of the other mode
   std::uint64_t stalls = 0;          ///< times an owner's data became stale while it owned an object
   std::uint64_t vanished = 0;        ///< times an owner vanished
@@ -41,9 +47,9 @@ struct WorldCounters {
 
 class WorldLoop {
  public:
-  /// Throws std::invalid_argument with all messages of check_world.
+  /// Throws std::invalid_argument with all messages of check_world, or for more than kMaxSoftObjects.
   WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90,
-            const std::vector<JointOptions>& joints = {});
+            const std::vector<JointOptions>& joints = {}, const std::vector<SoftObject>& soft_objects = {});
   ~WorldLoop();
 
   /// Advances the world by its own period T, from `now` - T to `now`, independent of the time since the last call. A
@@ -74,6 +80,9 @@ class WorldLoop {
   /// One description per joint of the scene, with numbers from the same sequence. Publish the objects first.
   const std::vector<ObjectJointDescription>& joint_descriptions() const { return joint_descriptions_; }
   std::uint64_t descriptions_version() const { return descriptions_version_; }
+
+  /// The hand's process says that it has a flexible object, or that it does not have it any more. Call between steps.
+  void describe_soft_object(const SoftObjectDescription& description);
 
   /// Returns all objects to their start. Call between steps. Couplings that hands published up to `time` are ignored.
   /// So are claims during the first 0.2 s. A hand may receive the reset later, and an object is put where it is.
@@ -158,6 +167,7 @@ class WorldLoop {
   void meet_hands(Nanoseconds now, const WorldInput& input);
   bool is_new(const HandKey& hand, Nanoseconds now) const;
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
+  void move_copies(Nanoseconds now, const WorldInput& input);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
   void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
@@ -178,6 +188,8 @@ class WorldLoop {
   std::vector<ObjectDescription> descriptions_;
   std::vector<Joint> joints_;
   std::vector<ObjectJointDescription> joint_descriptions_;
+  std::vector<SoftCopy> copies_;  // of the flexible objects
+  double hand_step_;
   std::uint64_t descriptions_version_ = 0;
   WorldCounters counters_;
   Nanoseconds newest_input_ = 0;

@@ -9,7 +9,7 @@
 #include <vector>
 
 #include "model/hand_model.hpp"
-#include "scene/soft_object.hpp"
+#include "model/soft_object.hpp"
 #include "trackers/replay/motion.hpp"
 #include "world/world_options.hpp"
 

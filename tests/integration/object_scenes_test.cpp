@@ -1,8 +1,12 @@
 // The shipped scenes with object files: each succeeds with hands of 750 and 1,450 nodes, and from three starting poses.
 #include <gtest/gtest.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
+#include <filesystem>
+#include <fstream>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -16,6 +20,8 @@
 
 namespace softhand::object_scenes_test {
 namespace {
+
+namespace fs = std::filesystem;
 
 /// Where the hand starts, and by how much it misses the place for which its motion was made (docs/objects.md).
 struct StartingPose {
@@ -95,6 +101,48 @@ nlohmann::ordered_json played_soft(const char* name, const std::vector<std::stri
 
 TEST(BudgetedScenes, AFlexibleBallIsSqueezed) {
   played_soft("sponge", {"hand.model=right_750.hand.json", "hand.simulation.solver.work_budget=4"});
+}
+
+// The hand has no slot for the marble. So only the world moves it, and it falls into a cup that only the hand moves.
+TEST(SoftScenes, AnObjectOfTheWorldFallsIntoASoftCup) {
+  const fs::path path = fs::path(::testing::TempDir()) / ("softhand_marble_" + std::to_string(getpid()) + ".toml");
+  std::ofstream(path) << R"([hand]
+model = "right_400.hand.json"
+mirrored_objects = 0
+[generator]
+motion = "pinch"
+[[objects]]
+name = "table"
+half_extents = [0.6, 0.02, 0.6]
+position = [0, -0.02, 0]
+[[objects]]
+name = "cup"
+shape = "file"
+file = "soft_cup"
+position = [0.3, 0.001, 0.2]
+[[objects]]
+name = "marble"
+shape = "sphere"
+radius = 0.008
+mass = 0.005
+position = [0.305, 0.15, 0.2]
+)";
+  const Scene scene = read_scene(path.string());
+  fs::remove(path);
+  const HandModel hand = load_scene_hand(scene);
+  VirtualRig rig(
+      scene, hand,
+      std::make_unique<ReplayTracker>(make_scene_motion(scene, hand), scene.options.tracker, hand_key(scene)));
+  SoftObjectState cup;
+  rig.run(2, [&](const HandStepView& view) { cup = view.output->soft_objects.at(0); });
+  const Vector3 marble = to_vector(rig.world().objects().objects[1].position);
+  const Vector3 centre = to_vector(cup.centre);
+  std::printf("  marble %.1f mm above the table, %.1f mm from the axis\n", 1e3 * marble.y(),
+              1e3 * std::hypot(marble.x() - centre.x(), marble.z() - centre.z()));
+  EXPECT_GT(marble.y(), 0.0085) << "it is on the table: it fell through the bottom";
+  EXPECT_LT(marble.y(), centre.y()) << "it is not in the cup";
+  EXPECT_LT(std::hypot(marble.x() - centre.x(), marble.z() - centre.z()), 0.03) << "it is beside the cup";
+  EXPECT_LT(to_vector(rig.world().objects().objects[1].linear_velocity).norm(), 5e-3);
 }
 
 // A loop that loads a saved state goes on with the same bits as the one that saved it. Steps of a grasp are late and

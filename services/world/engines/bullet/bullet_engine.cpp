@@ -84,6 +84,83 @@ std::unique_ptr<btCollisionShape> make_shape(const Shape& shape) {
   return hull;
 }
 
+// Flags of a body, its user index.
+constexpr int kPasses = 1;  // passes through copies of flexible objects
+constexpr int kCopy = 2;    // is such a copy
+constexpr int kHidden = 4;  // is one that all bodies pass through
+
+/// Lets bodies pass through copies of flexible objects.
+class Dispatcher final : public btCollisionDispatcher {
+ public:
+  using btCollisionDispatcher::btCollisionDispatcher;
+  bool needsCollision(const btCollisionObject* one, const btCollisionObject* other) override {
+    return !passes(*one, *other) && btCollisionDispatcher::needsCollision(one, other);
+  }
+  bool needsResponse(const btCollisionObject* one, const btCollisionObject* other) override {
+    return !passes(*one, *other) && btCollisionDispatcher::needsResponse(one, other);
+  }
+
+ private:
+  static bool passes(const btCollisionObject& one, const btCollisionObject& other) {
+    const int flags = one.getUserIndex() | other.getUserIndex();
+    return (flags & kCopy) != 0 && (flags & (kPasses | kHidden)) != 0;
+  }
+};
+
+/// The shape of a flexible object's copy, about its centre.
+class BulletCopy {
+ public:
+  btCompoundShape shape;
+  float friction;
+  btVector3 velocity{0, 0, 0};  // of the centre
+  std::unique_ptr<btRigidBody> body;
+
+  explicit BulletCopy(const EngineCopy& from)
+      : friction(static_cast<float>(std::sqrt(from.friction))), pieces_(from.pieces.begin(), from.pieces.end()) {
+    for (const auto& piece : pieces_) {
+      auto hull = std::make_unique<btConvexHullShape>();
+      for (std::size_t i = 0; i < piece.size(); ++i) hull->addPoint({0, 0, 0}, false);
+      hull->setMargin(kCopyMargin);
+      shape.addChildShape(btTransform::getIdentity(), hulls_.emplace_back(std::move(hull)).get());
+    }
+    place(from.vertices);
+    at_contact_.assign(from.vertices.begin(), from.vertices.end());
+  }
+
+  void place(std::span<const std::array<float, 3>> vertices) {
+    for (std::size_t k = 0; k < pieces_.size(); ++k) {
+      btVector3* const points = hulls_[k]->getUnscaledPoints();
+      for (std::size_t i = 0; i < pieces_[k].size(); ++i) {
+        const auto& from = vertices[static_cast<std::size_t>(pieces_[k][i])];
+        points[i] = btVector3(from[0], from[1], from[2]) * static_cast<float>(kScale);
+      }
+      hulls_[k]->recalcLocalAabb();
+      shape.updateChildTransform(static_cast<int>(k), btTransform::getIdentity(), false);
+    }
+    shape.recalculateLocalAabb();
+  }
+
+  /// Whether contact points of earlier steps are off. Bullet moves them with the body, but not with its vertices.
+  bool has_deformed(std::span<const std::array<float, 3>> vertices) const {
+    for (std::size_t i = 0; i < vertices.size(); ++i) {
+      for (std::size_t k = 0; k < 3; ++k)
+        if (std::abs(vertices[i][k] - at_contact_[i][k]) > kDeformed) return true;
+    }
+    return false;
+  }
+  void begin_contacts(std::span<const std::array<float, 3>> vertices) {
+    std::copy(vertices.begin(), vertices.end(), at_contact_.begin());
+  }
+
+ private:
+  static constexpr float kCopyMargin = 0.2f * kMargin;
+  static constexpr float kDeformed = 2e-5f;  // m
+
+  std::vector<std::vector<std::int32_t>> pieces_;
+  std::vector<std::unique_ptr<btConvexHullShape>> hulls_;
+  std::vector<std::array<float, 3>> at_contact_;
+};
+
 /// Bullet's world. It carries contacts, impulses, pairs and an order of bodies from step to step.
 struct BulletWorld {
   BulletWorld() {
@@ -103,7 +180,7 @@ struct BulletWorld {
   }
 
   btDefaultCollisionConfiguration configuration;
-  btCollisionDispatcher dispatcher{&configuration};
+  Dispatcher dispatcher{&configuration};
   btDbvtBroadphase broadphase;
   BulletJointSolver solver;
   btDiscreteDynamicsWorld world{&dispatcher, &broadphase, &solver, &configuration};
@@ -114,6 +191,8 @@ class BulletEngine final : public PhysicsEngine {
   ~BulletEngine() override {
     for (std::size_t number = 0; number < joints_.size(); ++number) remove_joint(number);
     for (std::size_t slot = 0; slot < bodies_.size(); ++slot) remove(slot);
+    for (const auto& copy : copies_)
+      if (copy) bullet_->world.removeRigidBody(copy->body.get());
   }
 
   void add(std::size_t slot, const EngineObject& object) override {
@@ -136,6 +215,8 @@ class BulletEngine final : public PhysicsEngine {
       if (joint) bullet_->world.removeConstraint(joint.get());
     for (const auto& body : bodies_)
       if (body) bullet_->world.removeRigidBody(body.get());
+    for (const auto& copy : copies_)
+      if (copy) bullet_->world.removeRigidBody(copy->body.get());
     bullet_.emplace();
     for (std::size_t slot = 0; slot < bodies_.size(); ++slot) {
       if (!bodies_[slot]) continue;
@@ -150,6 +231,11 @@ class BulletEngine final : public PhysicsEngine {
       const EngineJoint joint = joints_[number]->joint();
       joints_[number].reset();
       add_joint(number, joint);
+    }
+    for (const auto& copy : copies_) {
+      if (!copy) continue;
+      bullet_->configuration.setConvexConvexMultipointIterations();
+      add_body(*copy);
     }
     wake_all();
   }
@@ -171,8 +257,7 @@ class BulletEngine final : public PhysicsEngine {
     body.setAngularVelocity(to_bullet(velocity.angular, 1));
     body.updateInertiaTensor();
     bullet_->world.updateSingleAabb(&body);
-    bullet_->world.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(),
-                                                                                   &bullet_->dispatcher);
+    forget_contacts(body);
     wake_all();
   }
 
@@ -210,6 +295,37 @@ class BulletEngine final : public PhysicsEngine {
   double reaction(std::size_t number) const override { return joints_[number]->joint().reaction; }
   double coordinate(std::size_t number) const override { return joints_[number]->joint().coordinate; }
 
+  void add_copy(std::size_t number, const EngineCopy& copy) override {
+    bullet_->configuration.setConvexConvexMultipointIterations();
+    copies_[number] = std::make_unique<BulletCopy>(copy);
+    add_body(*copies_[number]);
+  }
+
+  void move_copy(std::size_t number, const Vector3& centre, const Vector3& velocity,
+                 std::span<const std::array<float, 3>> vertices, bool rests) override {
+    BulletCopy& copy = *copies_[number];
+    btRigidBody& body = *copy.body;
+    const bool was_hidden = (body.getUserIndex() & kHidden) != 0;
+    body.setUserIndex(kCopy);
+    body.forceActivationState(rests ? ISLAND_SLEEPING : DISABLE_DEACTIVATION);
+    copy.velocity = rests ? btVector3(0, 0, 0) : to_bullet(velocity, kScale);
+    body.setLinearVelocity(copy.velocity);
+    body.setWorldTransform(btTransform(btQuaternion::getIdentity(), to_bullet(centre, kScale)));
+    body.setInterpolationWorldTransform(body.getWorldTransform());
+    copy.place(vertices);
+    bullet_->world.updateSingleAabb(&body);
+    if (!was_hidden && !copy.has_deformed(vertices)) return;
+    copy.begin_contacts(vertices);
+    forget_contacts(body);
+  }
+
+  void hide_copy(std::size_t number) override {
+    copies_[number]->body->setUserIndex(kCopy | kHidden);
+    wake_all();
+  }
+
+  void set_passing(std::size_t slot, bool passes) override { bodies_[slot]->setUserIndex(passes ? kPasses : 0); }
+
   void step(double dt) override {
     // Bullet drops the forces of a body after each of its steps.
     std::array<btVector3, kMaxObjects> forces, torques;
@@ -230,6 +346,13 @@ class BulletEngine final : public PhysicsEngine {
       }
       for (const auto& joint : joints_)
         if (joint) joint->prepare(part, dt);
+      for (const auto& copy : copies_) {
+        if (!copy) continue;
+        // Bullet takes the velocity of such a body from the two transforms.
+        btTransform before = copy->body->getWorldTransform();
+        before.setOrigin(before.getOrigin() - static_cast<float>(part) * copy->velocity);
+        copy->body->setInterpolationWorldTransform(before);
+      }
       bullet_->world.stepSimulation(static_cast<float>(part), 0);
       left = more == 1 ? 0 : left - part;
       ++parts;
@@ -307,6 +430,7 @@ class BulletEngine final : public PhysicsEngine {
     info.m_friction = static_cast<float>(std::sqrt(matter.friction));  // Bullet multiplies the values of both bodies
     info.m_restitution = 0;
     auto body = std::make_unique<btRigidBody>(info);
+    body->setUserIndex(0);
     body->setFlags(body->getFlags() | BT_DISABLE_WORLD_GRAVITY);
     if (matter.mass > 0) {
       btVector3 low, high;
@@ -320,6 +444,18 @@ class BulletEngine final : public PhysicsEngine {
     }
     bullet_->world.addRigidBody(body.get());
     bodies_[slot] = std::move(body);
+  }
+
+  /// Adds the body of a flexible object's copy, hidden.
+  void add_body(BulletCopy& copy) {
+    btRigidBody::btRigidBodyConstructionInfo info(0, nullptr, &copy.shape);
+    info.m_friction = copy.friction;
+    info.m_restitution = 0;
+    copy.body = std::make_unique<btRigidBody>(info);
+    copy.body->setCollisionFlags(btCollisionObject::CF_KINEMATIC_OBJECT);
+    copy.body->setUserIndex(kCopy | kHidden);
+    copy.body->forceActivationState(ISLAND_SLEEPING);
+    bullet_->world.addRigidBody(copy.body.get());
   }
 
   /// The rows of a joint are those of the start of a part T. A body that turns by w T opens the joint at the end of its
@@ -344,9 +480,11 @@ class BulletEngine final : public PhysicsEngine {
 
   /// A pair of bodies that overlaps already is not filtered again when a joint begins or ends. So it is found anew.
   void forget_contacts(std::size_t slot) {
-    if (bodies_[slot])
-      bullet_->world.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(
-          bodies_[slot]->getBroadphaseHandle(), &bullet_->dispatcher);
+    if (bodies_[slot]) forget_contacts(*bodies_[slot]);
+  }
+  void forget_contacts(btRigidBody& body) {
+    bullet_->world.getBroadphase()->getOverlappingPairCache()->cleanProxyFromPairs(body.getBroadphaseHandle(),
+                                                                                   &bullet_->dispatcher);
   }
 
   /// Bullet does not notice that the support of a sleeping body was removed or that a body was placed on it.
@@ -361,6 +499,7 @@ class BulletEngine final : public PhysicsEngine {
   std::array<Matter, kMaxObjects> matter_;
   std::array<std::unique_ptr<btRigidBody>, kMaxObjects> bodies_;
   std::array<std::unique_ptr<BulletJoint>, kMaxObjectJoints> joints_;
+  std::array<std::unique_ptr<BulletCopy>, kMaxSoftObjects> copies_;
 };
 
 }  // namespace
