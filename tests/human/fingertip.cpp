@@ -4,12 +4,15 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "energies/contact.hpp"
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
+#include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
@@ -90,62 +93,106 @@ Fingertip::Fingertip(const HandModel& hand, double contact_stiffness)
       pulp_(pulp_index(hand)),
       contact_stiffness_(contact_stiffness) {}
 
-std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const double> indentations) const {
+// The tip, the plate and the terms between them.
+struct Fingertip::Rig {
+  Rig(HandModel model, double contact_stiffness, std::vector<Energy*> more_terms)
+      : tip(std::move(model)),
+        masses(lumped_masses(tip)),
+        state(testing::rest_state(tip)),
+        inertia(masses, kBodyCount + 1),
+        tissue(tip),
+        contacts(tip, masses, contact_stiffness, kBodyCount, 0, 1),
+        contact(contacts),
+        friction(contacts) {
+    for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(tip.body_rest_pose(static_cast<Body>(b)));
+    // In the distal joint's frame, the pad is at -Y and the tip at -Z.
+    const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
+    normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
+    const ContactPoints skin(tip, masses);
+    for (int i = 0; i < skin.count(); ++i) lowest = std::min(lowest, normal.dot(skin.at(i, state.node_positions)));
+    state.body_poses.emplace_back();
+    state.body_velocities.resize(state.body_poses.size());
+    place_plate(-1e-6);
+    Shape shape;
+    shape.kind = static_cast<std::uint32_t>(ShapeKind::plane);
+    plate = std::make_unique<ShapeGeometry>(shape);
+    contacts.set_object(0, plate.get(), 0, 1, ContactObject::fixed);
+    attachments = std::make_unique<SkeletonTissue>(tip, state.layout());
+    std::vector<Energy*> terms{&inertia, &tissue, attachments.get(), &contact, &friction};
+    terms.insert(terms.end(), more_terms.begin(), more_terms.end());
+    SolverOptions options;
+    options.max_iterations = 200;
+    options.residual_tolerance = 1e-7;
+    options.increment_tolerance = 1e-14;
+    options.factor = "double";
+    solver = std::make_unique<NewtonSolver>(std::move(terms), state.layout(), options);
+  }
+  void place_plate(double indentation) {
+    state.body_poses.back() = {(lowest + indentation) * normal, Quaternion::FromTwoVectors(Vector3::UnitY(), normal)};
+  }
+  double force() const { return -normal.dot(contacts.wrench(0).force); }
+
+  HandModel tip;
+  std::vector<double> masses;
+  State state;
+  Vector3 normal = Vector3::Zero();
+  double lowest = std::numeric_limits<double>::infinity();  // m, of the skin along the normal
+  Inertia inertia;
+  Tissue tissue;
+  std::unique_ptr<ShapeGeometry> plate;
+  std::unique_ptr<SkeletonTissue> attachments;
+  ContactSet contacts;
+  ContactEnergy contact;
+  FrictionEnergy friction;
+  std::unique_ptr<NewtonSolver> solver;
+};
+
+HandModel Fingertip::with(const PulpMaterial& pulp) const {
   HandModel tip = tip_;
   tip.materials[pulp_].youngs_modulus = pulp.youngs_modulus;
   tip.materials[pulp_].strain_limit_energy = pulp.limit_energy;
   tip.materials[pulp_].strain_limit_stiffness = pulp.limit_ratio * pulp.limit_energy;
+  return tip;
+}
 
-  State state = testing::rest_state(tip);
-  const std::vector<double> masses = lumped_masses(tip);
-  for (int b = 0; b < kBodyCount; ++b) state.body_poses.push_back(tip.body_rest_pose(static_cast<Body>(b)));
-  // In the distal joint's frame, the pad is at -Y and the tip at -Z.
-  const Quaternion finger = tip.rest_joints[static_cast<std::size_t>(index_of(Joint::index_distal))].orientation;
-  const Vector3 normal = finger * Vector3(0, std::cos(kInclination), std::sin(kInclination));
-  double lowest = std::numeric_limits<double>::infinity();
-  const ContactPoints skin(tip, masses);
-  for (int i = 0; i < skin.count(); ++i) lowest = std::min(lowest, normal.dot(skin.at(i, state.node_positions)));
-  const auto plate_at = [&](double indentation) {
-    return Pose{(lowest + indentation) * normal, Quaternion::FromTwoVectors(Vector3::UnitY(), normal)};
-  };
-  state.body_poses.push_back(plate_at(-1e-6));
-  state.body_velocities.resize(state.body_poses.size());
-  const int bodies = kBodyCount + 1;
-
-  Inertia inertia(masses, bodies);
-  Tissue tissue(tip);
-  SkeletonTissue attachments(tip, state.layout());
-  Shape shape;
-  shape.kind = static_cast<std::uint32_t>(ShapeKind::plane);
-  const ShapeGeometry plate(shape);
-  ContactSet contacts(tip, masses, contact_stiffness_, kBodyCount, 0, 1);
-  ContactEnergy contact(contacts);
-  FrictionEnergy friction(contacts);
-  contacts.set_object(0, &plate, 0, 1, ContactObject::fixed);
-  SolverOptions options;
-  options.max_iterations = 200;
-  options.residual_tolerance = 1e-7;
-  options.increment_tolerance = 1e-14;
-  options.factor = "double";
-  NewtonSolver solver({&inertia, &tissue, &attachments, &contact, &friction}, state.layout(), options);
-
+std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const double> indentations) const {
+  Rig rig(with(pulp), contact_stiffness_, {});
   std::vector<Press> presses;
   double at = 0;
   for (const double indentation : indentations) {
     const int steps = std::max(1, static_cast<int>(std::ceil((indentation - at) / kPlateStep - 1e-9)));
     for (int i = 1; i <= steps; ++i) {
-      state.body_poses.back() = plate_at(at + (indentation - at) * i / steps);
-      for (int round = 0; round < kContactRounds; ++round) verification::settle(solver, state, 1);
+      rig.place_plate(at + (indentation - at) * i / steps);
+      for (int round = 0; round < kContactRounds; ++round) verification::settle(*rig.solver, rig.state, 1);
     }
     at = indentation;
-    const Contacts touched = testing::contact_message(contacts, state, {0});
+    const Contacts touched = testing::contact_message(rig.contacts, rig.state, {0});
     Press press;
     press.indentation = indentation;
-    press.force = -normal.dot(contacts.wrench(0).force);
+    press.force = rig.force();
     press.area = touched.fingers[static_cast<std::size_t>(Finger::index)].area;
     presses.push_back(press);
   }
   return presses;
+}
+
+std::vector<double> Fingertip::force_in_time(const PulpMaterial& pulp, const RelaxationOptions& relaxation,
+                                             std::span<const PlateMove> moves) const {
+  const HandModel tip = with(pulp);
+  std::vector<RelaxationEnergy::Branches> weights(tip.materials.size());
+  weights[pulp_] = relaxation.pulp;
+  RelaxationEnergy branches(tip, relaxation.time_constants, weights);
+  Rig rig(tip, contact_stiffness_, {&branches});
+  std::vector<double> forces;
+  double time = 0;
+  for (const PlateMove& move : moves) {
+    rig.place_plate(move.indentation);
+    const StepReport report = rig.solver->step(rig.state, move.time - time);
+    if (!report.state_changed) throw std::runtime_error("fingertip: a step failed");
+    time = move.time;
+    forces.push_back(rig.force());
+  }
+  return forces;
 }
 
 double measured_force(double indentation) {

@@ -2,14 +2,15 @@
 // measurements of human fingertips.
 //
 // The tip is inclined by 30 degrees to the plate (Pawluk and Howe: 20 to 40 degrees). The plate is frictionless, as in
-// Serina's model. Every state is at rest, so the elastic response is compared. Human tissue relaxes with 4 ms, 70 ms
-// and 1.4 s (Pawluk and Howe 1999). The simulated tissue does not relax.
+// Serina's model. `press` compares the elastic response, so every state is at rest. Human tissue relaxes with 4 ms, 70
+// ms and 1.4 s (Pawluk and Howe 1999): `force_in_time` has the relaxation of the simulated tissue.
 #pragma once
 
 #include <span>
 #include <vector>
 
 #include "model/hand_model.hpp"
+#include "scene/simulation_options.hpp"
 
 namespace softhand::human {
 
@@ -33,6 +34,12 @@ struct Press {
   double area = 0;
 };
 
+/// A plate that has moved towards the bone by `indentation` (m, as in `Press`) at a time (s).
+struct PlateMove {
+  double time = 0;
+  double indentation = 0;
+};
+
 class Fingertip {
  public:
   /// The tissue around the last two bones of the index finger. `contact_stiffness` is k_c of eq. 32, N/m^3.
@@ -41,7 +48,15 @@ class Fingertip {
   /// The tip at rest at each of `indentations` (m, > 0, rising). Throws std::runtime_error if it does not come to rest.
   std::vector<Press> press(const PulpMaterial& pulp, std::span<const double> indentations) const;
 
+  /// Force (N) at the end of each move of the plate. Between two moves it moves evenly, in one step. Time counts: the
+  /// tissue has inertia and the branches of `relaxation`. It begins relaxed, at the time 0 and the indentation 0.
+  std::vector<double> force_in_time(const PulpMaterial& pulp, const RelaxationOptions& relaxation,
+                                    std::span<const PlateMove> moves) const;
+
  private:
+  struct Rig;
+  HandModel with(const PulpMaterial& pulp) const;
+
   HandModel tip_;
   std::size_t pulp_ = 0;  // index of the material
   double contact_stiffness_ = 0;
