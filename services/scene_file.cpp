@@ -103,6 +103,8 @@ SoftObject soft_object(const Scene& scene, const ObjectOptions& entry, LoadedObj
           std::make_shared<const SoftBody>(std::move(*loaded.model.soft)),
           {{p[0], p[1], p[2]}, orientation.normalized()},
           {g[0], g[1], g[2]},
+          scene.options.world.soft == "world",
+          scene.options.hand.simulation.contact_stiffness,
           loaded.model.name,
           loaded.sha256};
 }

@@ -20,9 +20,9 @@
 #include "hand/hand_options.hpp"
 #include "haptics/log/haptic_log_driver.hpp"
 #include "model/hand_model.hpp"
+#include "model/soft_object.hpp"
 #include "runtime/config.hpp"
 #include "runtime/flight_options.hpp"
-#include "model/soft_object.hpp"
 #include "tactile/log/tactile_log_driver.hpp"
 #include "trackers/replay/generator.hpp"
 #include "trackers/replay/replay_tracker.hpp"
@@ -174,8 +174,9 @@ Scene read_scene(const std::string& path, const std::vector<std::string>& overri
 /// Without a person, results must not depend on the machine.
 Scene read_own_scene(const std::string& path, const std::vector<std::string>& overrides);
 
-/// The scenes of the hands that one process of a person simulates: that of `read_own_scene`, and with `one_process` the
-/// same scene as the other hand plays it. Throws ConfigError, also if `plays` names the other hand.
+/// The scenes of the hands that one process of a person simulates. The first one is that of `read_own_scene`. With
+/// `one_process` the second one is the same scene as the other hand plays it. Throws ConfigError, also if `plays` names
+/// the other hand.
 std::vector<Scene> read_process_scenes(const std::string& path, const std::vector<std::string>& overrides);
 
 /// Folders in which a process looks for the object files that descriptions name.

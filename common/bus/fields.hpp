@@ -387,6 +387,7 @@ constexpr void visit_fields(V&& v, M& m) {
   v.key("object_id", m.object);
   v.field("stamp", m.stamp);
   v.field("owner", m.owner);
+  v.field("owned", m.owned);
   v.field("centre", m.centre);
   v.field("linear_velocity", m.linear_velocity);
   v.field("hand_force", m.hand_force);

@@ -114,10 +114,13 @@ inline constexpr Topic<ObjectJointDescription> object_joint{{
     reliable,   late, 1, 256,     0,  0,    0, any,        0, "world", "hand, recorder"}};
 inline constexpr Topic<SoftObjectDescription> soft_object_description{{
     "softhand/v1/soft_object_description", "softhand::v1::SoftObjectDescription",
-    reliable,   late, 1, kSoftObjects, 0, 0, 0, any,        0, "hand", "viewer, recorder"}};
+    reliable,   late, 1, kSoftObjects, 0, 0, 0, any,        0, "hand", "viewer, world, recorder"}};
 inline constexpr Topic<SoftObjectState> soft_object_state{{
     "softhand/v1/soft_object_state", "softhand::v1::SoftObjectState",
-    best_effort, vol,  1, kSoftObjects, 0, 0, 0, one,      90, "hand", "viewer, cli, recorder"}};
+    best_effort, vol,  1, kSoftObjects, 0, 0, 0, one,      90, "hand", "viewer, cli, world, recorder"}};
+inline constexpr Topic<SoftObjectState> soft_object_copy{{
+    "softhand/v1/soft_object_copy", "softhand::v1::SoftObjectState",
+    best_effort, vol,  1, kSoftObjects, 0, 0, 0, one,     100, "world", "hand, recorder"}};
 inline constexpr Topic<HandDescription> hand_description{{
     "softhand/v1/hand_description", "softhand::v1::HandDescription",
     reliable,   late, 1, kHands,  0,  0,    0, any,        0, "hand", "viewer, recorder"}};
@@ -129,7 +132,8 @@ void for_each(F&& f) {
   f(tracked_skeleton), f(intermediate_skeleton), f(simulated_skeleton), f(tissue_surface), f(contacts),
       f(skin_traction), f(objects), f(object_coupling), f(bone_wrench);
   f(device_state), f(head_pose), f(message), f(message_reply), f(loop_status), f(rig_choices), f(clock_beacon),
-      f(object_description), f(object_joint), f(soft_object_description), f(soft_object_state), f(hand_description);
+      f(object_description), f(object_joint), f(soft_object_description), f(soft_object_state), f(soft_object_copy),
+      f(hand_description);
 }
 
 }  // namespace topics

@@ -155,6 +155,7 @@ Matrix3 Tissue::deformation_gradient(const State& state, int element) const {
 }
 
 double Tissue::evaluate(const State& state, const ElementOutput& output) const {
+  if (!is_on_) return 0;
   evaluated_elements_ += static_cast<std::uint64_t>(element_count_);
   const auto energy_of = [&](std::size_t group) {
     return kernel_(batches_.data() + group_[group], group_[group + 1] - group_[group], state.node_positions.data(),
@@ -185,6 +186,7 @@ double Tissue::add_all(const State& state, VectorX& gradient, BlockMatrix& hessi
 
 Energy::Around Tissue::add_around(std::span<const std::int32_t> nodes, const State& state, double* gradient,
                                   double* blocks) const {
+  if (!is_on_) return {};
   chosen_.clear();
   for (std::size_t place = 0; place < nodes.size(); ++place) {
     const auto node = static_cast<std::size_t>(nodes[place]);

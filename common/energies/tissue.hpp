@@ -41,6 +41,8 @@ class Tissue final : public Energy {
   void use(HelperThread& helper) { helper_ = &helper; }
 
   int element_count() const { return element_count_; }
+  /// While it is off, its energy is zero and nothing is evaluated. The solver must forget when this changes.
+  void switch_on(bool on) { is_on_ = on; }
   /// Number of element evaluations since construction. One evaluation computes energy, gradient or Hessian of a
   /// tetrahedron at one state, in any combination.
   std::uint64_t evaluated_elements() const { return evaluated_elements_; }
@@ -81,6 +83,7 @@ class Tissue final : public Energy {
   TissueKernel kernel_;
   HelperThread* helper_ = nullptr;
   bool single_hessian_ = false;
+  bool is_on_ = true;
   int element_count_ = 0;
   std::vector<std::array<std::int32_t, 4>> corners_;  // nodes per element, ordered for a positive volume at rest
   mutable std::uint64_t evaluated_elements_ = 0;

@@ -456,11 +456,13 @@ struct SoftObjectDescription {
   double mass = 0;
   std::uint32_t removed = 0;  ///< 1: the object was removed
 };
-/// soft_object_state: the nodes of a flexible object. Key: object id. About 96 kB.
+/// soft_object_state: the nodes of a flexible object, of the hand's process. soft_object_copy: the same of the world,
+/// if `world.soft` is "world". Key: object id. About 96 kB.
 struct SoftObjectState {
   std::uint32_t object = 0;
   Stamp stamp;
   HandKey owner;
+  std::uint32_t owned = 0;          ///< 1: the hand's process moves the object; 0: the world does
   Vec3 centre{};                    ///< centre of mass, m, world
   Vec3 linear_velocity{};           ///< of the centre of mass, m/s
   Vec3 hand_force{};                ///< from the hand on the object, N, world

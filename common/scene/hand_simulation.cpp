@@ -11,6 +11,7 @@
 #include "energies/contact.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
+#include "energies/node_coupling.hpp"
 #include "energies/object_joint.hpp"
 #include "energies/other_hands.hpp"
 #include "energies/plane_contact.hpp"
@@ -19,6 +20,7 @@
 #include "energies/tissue.hpp"
 #include "math/low_pass.hpp"
 #include "math/rotation.hpp"
+#include "messages/convert.hpp"
 
 namespace softhand {
 namespace {
@@ -110,6 +112,19 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
                       .single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact",
                       .helper = helper_.get()},
                      terms_);
+  }
+  for (int i = 0; soft_ && i < soft_->count(); ++i) {
+    soft_couplings_.push_back(nullptr);
+    if (!soft_->object(i).is_shared || object_spring.linear_stiffness == 0) continue;
+    // In mode symmetric gravity acts in the world alone.
+    for (int n = soft_->first_node(i); n < soft_->first_node(i + 1); ++n)
+      inertia_->set_node_gravity(n, Vector3::Zero());
+    const auto first = masses.begin() + soft_->first_node(i);
+    auto coupling =
+        std::make_unique<NodeCoupling>(soft_->first_node(i), std::vector(first, first + soft_->node_count(i)),
+                                       object_spring.linear_stiffness, object_spring.damping_ratio);
+    soft_couplings_.back() = coupling.get();
+    terms_.push_back(std::move(coupling));
   }
   if (soft_ || hand_count() > 1) {
     auto between = std::make_unique<SkinContact>(soft_ ? soft_->model() : tissue, masses, options.contact_stiffness,
@@ -509,6 +524,46 @@ void HandSimulation::restart_soft_object(int object) {
   between_->reset();
   between_->set_passing(object, true);
   if (soft_->contacts() != nullptr) soft_->contacts()->reset();
+  stored_is_valid_ = false;
+}
+
+// Where `state` has the nodes of an object after `ahead` seconds, in `soft_positions_` and `soft_velocities_`.
+void HandSimulation::read_soft_state(int object, const SoftObjectState& state, double ahead) {
+  const Vector3 centre = to_vector(state.centre), velocity = to_vector(state.linear_velocity);
+  soft_positions_.resize(3, soft_->node_count(object));
+  soft_velocities_.resize(3, soft_->node_count(object));
+  for (int n = 0; n < soft_->node_count(object); ++n) {
+    const auto k = static_cast<std::size_t>(n);
+    soft_velocities_.col(n) = velocity + to_vector(state.velocities[k]);
+    soft_positions_.col(n) = centre + to_vector(state.nodes[k]) + ahead * soft_velocities_.col(n);
+  }
+}
+
+void HandSimulation::place_soft_object(int object, const SoftObjectState& state, double ahead) {
+  read_soft_state(object, state, ahead);
+  state_.node_positions.middleCols(soft_->first_node(object), soft_->node_count(object)) = soft_positions_;
+  state_.node_velocities.middleCols(soft_->first_node(object), soft_->node_count(object)) = soft_velocities_;
+  stored_is_valid_ = false;
+}
+
+void HandSimulation::pull_soft_object(int object, const SoftObjectState& state) {
+  read_soft_state(object, state, 0);
+  soft_couplings_[static_cast<std::size_t>(object)]->set_target(soft_positions_, soft_velocities_);
+}
+
+void HandSimulation::let_go_soft_object(int object) {
+  soft_couplings_[static_cast<std::size_t>(object)]->clear_target();
+}
+
+void HandSimulation::simulate_soft_objects(bool on) {
+  if (!soft_ || simulates_soft_ == on) return;
+  simulates_soft_ = on;
+  soft_->tissue().switch_on(on);
+  for (int i = 0; i < soft_->count(); ++i) {
+    for (int n = soft_->first_node(i); n < soft_->first_node(i + 1); ++n)
+      inertia_->set_node_gravity(n, on ? soft_->object(i).gravity : Vector3(Vector3::Zero()));
+  }
+  solver_->forget();
   stored_is_valid_ = false;
 }
 

@@ -37,6 +37,7 @@ class ContactSet;
 class Inertia;
 class ObjectJointEnergy;
 class OtherHands;
+class NodeCoupling;
 class PlaneContact;
 class SkinContact;
 class SkinTractionReport;
@@ -200,6 +201,17 @@ class HandSimulation {
   /// flexible objects and those between hands. If a hand is there, the hands pass through it until they have left the
   /// box around the object.
   void restart_soft_object(int object);
+  /// Puts the nodes of a flexible object where `state` has them after `ahead` seconds, with its velocities. The counts
+  /// of nodes must be equal.
+  void place_soft_object(int object, const SoftObjectState& state, double ahead);
+  /// Mode symmetric: a spring pulls each node of a shared flexible object towards where `state` has it, in the next
+  /// steps.
+  void pull_soft_object(int object, const SoftObjectState& state);
+  /// Without that spring.
+  void let_go_soft_object(int object);
+  /// Whether flexible objects have tissue and weight. Without, their nodes go straight on, and a step costs hardly more
+  /// than one without these objects.
+  void simulate_soft_objects(bool on);
   /// While `on`, the hands pass through each other and through all flexible objects. Afterwards they still pass through
   /// those objects that they are in, until they have left them.
   void pass_through(bool on) { passes_through_ = on; }
@@ -240,6 +252,7 @@ class HandSimulation {
   double largest_coupling_stretch() const;  ///< m, from a bone's joint to its target, of all hands
 
  private:
+  void read_soft_state(int object, const SoftObjectState& state, double ahead);
   template <typename Self, typename Visit>
   static void visit_own(Self& self, Visit&& visit);
   SimulatedHand& at(int hand) { return *hands_[static_cast<std::size_t>(hand)]; }
@@ -272,6 +285,9 @@ class HandSimulation {
   std::vector<std::int32_t> node_bones_;  // by node, the body of the nearest bone; -1: of a flexible object
   mutable ContactReport report_;          // scratch of `write_contacts`
   std::unique_ptr<SoftObjects> soft_;     // null: there are none
+  bool simulates_soft_ = true;
+  std::vector<NodeCoupling*> soft_couplings_;          // of shared flexible objects in mode symmetric, otherwise null
+  Eigen::Matrix3Xd soft_positions_, soft_velocities_;  // scratch
   bool passes_through_ = false;
   ObjectSpring object_spring_;
   int mirrored_slots_;

@@ -12,42 +12,6 @@
 #include "model/skeleton.hpp"
 
 namespace softhand {
-namespace {
-
-// The tetrahedra, surface and contact points of a body. Nodes are numbered from `first`, and have `node_body`.
-void append(TissueModel& model, const SoftBody& body, std::int32_t first, std::uint8_t node_body) {
-  const auto material = static_cast<std::uint8_t>(model.materials.size());
-  const std::size_t first_tetrahedron = model.tetrahedra.size();
-  model.materials.push_back(body.material);
-  std::vector<SkinPoint> of_node(body.nodes.size());
-  for (const auto& local : body.tetrahedra) {
-    auto corners = local;
-    for (std::size_t k = 0; k < 4; ++k) {
-      SkinPoint& point = of_node[static_cast<std::size_t>(local[k])];
-      point.tetrahedron = static_cast<std::int32_t>(model.tetrahedra.size());
-      point.weights = {};
-      point.weights[k] = 1;
-      corners[k] += first;
-    }
-    model.tetrahedra.push_back(corners);
-    model.tetrahedron_material.push_back(material);
-  }
-  const std::vector<std::array<std::int32_t, 3>> surface =
-      boundary(std::span(model.tetrahedra).subspan(first_tetrahedron));
-  model.surface.insert(model.surface.end(), surface.begin(), surface.end());
-  for (const auto& t : surface) {
-    const auto x = [&](std::size_t k) { return body.nodes[static_cast<std::size_t>(t[k] - first)]; };
-    const double share = (x(1) - x(0)).cross(x(2) - x(0)).norm() / 6;
-    for (const std::int32_t node : t) of_node[static_cast<std::size_t>(node - first)].area += share;
-  }
-  for (SkinPoint& point : of_node) {
-    if (!(point.area > 0)) continue;
-    point.body = node_body;
-    model.contact_points.push_back(point);
-  }
-}
-
-}  // namespace
 
 SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objects) : objects_(std::move(objects)) {
   if (objects_.size() > kMaxSoftObjects)
@@ -62,8 +26,8 @@ SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objec
     all_.nodes.insert(all_.nodes.end(), body.nodes.begin(), body.nodes.end());
     all_.node_body.insert(all_.node_body.end(), body.nodes.size(), node_body);
     first_triangle_.push_back(alone_.surface.size());
-    append(all_, body, first_.back(), node_body);
-    append(alone_, body, first_.back(), node_body);
+    append_body(all_, body, first_.back(), node_body);
+    append_body(alone_, body, first_.back(), node_body);
     first_.push_back(all_.node_count());
   }
   first_triangle_.push_back(alone_.surface.size());

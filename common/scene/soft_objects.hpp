@@ -17,9 +17,9 @@
 #include "energies/tissue.hpp"
 #include "messages/messages.hpp"
 #include "model/object_model.hpp"
+#include "model/soft_object.hpp"
 #include "model/state.hpp"
 #include "model/tissue_model.hpp"
-#include "model/soft_object.hpp"
 
 namespace softhand {
 
@@ -70,6 +70,7 @@ class SoftObjects {
   void use(SkinContact& skin) { skin_ = &skin; }
 
   // The terms. `add_terms` and `use` were called.
+  Tissue& tissue() { return *tissue_; }
   const Tissue& tissue() const { return *tissue_; }
   SkinContact& skin() { return *skin_; }
   const SkinContact& skin() const { return *skin_; }
@@ -79,6 +80,8 @@ class SoftObjects {
 
   /// Whether any object touches something.
   bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
+  /// Whether a hand touches the object.
+  bool touches_hand(int i) const;
   /// Before a step. With `all`, the hands pass through every object. Without, they pass only through objects that they
   /// passed through before. The box around the nodes of such an object must still contain a node of a hand.
   void update_passing(const State& state, bool all);
@@ -121,7 +124,6 @@ class SoftObjects {
  private:
   bool overlaps_hands(int i, const State& state) const;
   Vector3 centre_of_mass(int i, const State& state) const;
-  bool touches_hand(int i) const;
   bool is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const;
   int inverted_count(int i, const State& state) const;
   int unfold(int i, State& state);

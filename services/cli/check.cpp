@@ -116,6 +116,8 @@ Scene read_checked_scene(const std::string& path, const std::vector<std::string>
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   }
   const HandOptions& options = scene.options.hand;
+  for (const std::string& problem : check_soft_objects(scene.options.world, scene.soft_objects, 1 / options.rate_hz))
+    wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;
   for (const std::string& problem :
        check_assemblies(scene.options.objects, scene.options.joints, options.mirrored_objects, options.object_joints)) {
     wrong += (wrong.empty() ? "" : "\n") + path + ": " + problem;

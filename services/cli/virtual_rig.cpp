@@ -82,7 +82,7 @@ struct VirtualRig::Hand final : TrackerSink {
   Delayed<Contacts> contacts_to_tracking;
   Delayed<WorldObjects> objects_to_hand;
   Delayed<ObjectCoupling> coupling_to_world;
-  std::vector<Delayed<SoftObjectState>> soft_to_world;  // by flexible object of its process
+  std::vector<Delayed<SoftObjectState>> soft_to_world, soft_to_hand;  // by flexible object of its process
   Delayed<BoneWrench> wrench_to_haptic;
   std::vector<Delayed<ObjectCoupling>> coupling_to_hand;  // by the hand that receives it; to itself: not used
   std::vector<ObjectCoupling> other_hands;                // the newest one that this hand has received from each
@@ -119,8 +119,8 @@ VirtualRig::VirtualRig(const Scene& scene, const HandModel& hand, std::unique_pt
     : options_(scene.options),
       witness_(witness),
       transport_(nanoseconds(1e-3 * scene.options.simulate.transport_ms)),
-      world_(std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz,
-                                         options_.joints, scene.soft_objects)) {
+      world_(std::make_unique<WorldLoop>(options_.world, options_.objects, 1.0 / options_.hand.rate_hz, options_.joints,
+                                         scene.soft_objects)) {
   for (const ObjectDescription& description : world_->descriptions()) {
     const bool has_file = !description.shape.file.empty();
     file_shapes_.push_back(has_file ? load_shape(description.shape.file[0], object_folders(scene)) : nullptr);
@@ -178,6 +178,7 @@ void VirtualRig::make_hand_loop(Hand& first, const Scene& scene) {
   if (hands.size() == 1) {
     first.soft_objects = scene.soft_objects;
     first.soft_to_world.resize(scene.soft_objects.size());
+    first.soft_to_hand.resize(scene.soft_objects.size());
     first.options = scene.options.hand;
   }
   const auto loop = std::make_shared<HandLoop>(hands, first.options, object_spring(options_.world), first.soft_objects);
@@ -300,6 +301,10 @@ void VirtualRig::step_hand(Hand& first, Nanoseconds now) {
       keep_newest(first.other_hands, *coupling);
   }
   input.other_hands = first.other_hands;
+  soft_states_.clear();
+  for (auto& copy : first.soft_to_hand)
+    if (const SoftObjectState* newest = copy.receive(now)) soft_states_.push_back(*newest);
+  input.soft_objects = soft_states_;
   loop.step(now, input, {});
   if (!loop.plays()) return;
   add_state(hasher_, loop.simulation().state());
@@ -353,13 +358,21 @@ void VirtualRig::step_world(Nanoseconds now) {
     for (auto& state : hand->soft_to_world)
       if (const SoftObjectState* newest = state.receive(now)) soft_states_.push_back(*newest);
   }
-  WorldObjects objects = world_->step(now, {couplings_, soft_states_}).objects;
+  const WorldOutput& output = world_->step(now, {couplings_, soft_states_});
+  WorldObjects objects = output.objects;
   objects.stamp.publish_time = now;
   for (const ObjectState& object : objects.objects) {
     add_bits(hasher_, object.position);
     add_bits(hasher_, object.orientation);
     add_bits(hasher_, object.linear_velocity);
     add_bits(hasher_, object.angular_velocity);
+  }
+  for (std::size_t i = 0; i < output.soft_count; ++i) {
+    const SoftObjectState& copy = output.soft_objects[i];
+    for (const auto& hand : hands_) {
+      const std::size_t number = copy.object - kFirstSoftObject;
+      if (number < hand->soft_to_hand.size()) send(hand->soft_to_hand[number], RigLoop::world, now, copy);
+    }
   }
   tell(RigLoop::world, objects);
   for (const auto& hand : hands_) {

@@ -175,7 +175,7 @@ class VirtualRig {
   std::vector<std::unique_ptr<Hand>> hands_;
   std::vector<Loop> loops_;
   std::vector<ObjectCoupling> couplings_;     // the newest one of each hand that the world has received
-  std::vector<SoftObjectState> soft_states_;  // that the world has received since its last step
+  std::vector<SoftObjectState> soft_states_;  // that a loop has received since its last step
   std::uint64_t descriptions_heard_ = 0;      // version of the descriptions that the hands have received
   Sha256 hasher_;
   std::function<void(const HandStepView&)> after_hand_step_;

@@ -27,6 +27,8 @@ struct FlightTraits<HandLoop> {
     for (const ObjectCoupling& coupling : from.input.other_hands) out.write(coupling);
     out.write(from.input.work_budget);
     write(from.input.second_skeleton);
+    out.write(static_cast<std::uint32_t>(from.input.soft_objects.size()));
+    for (const SoftObjectState& copy : from.input.soft_objects) out.write(copy);
   }
   /// Steps with a recorded input. Samples live in here, because they are large.
   class Repeater {
@@ -46,6 +48,8 @@ struct FlightTraits<HandLoop> {
       result.input.other_hands = samples_->other_hands;
       in.read(result.input.work_budget);
       result.input.second_skeleton = read_optional(in, samples_->second_skeleton);
+      in.read(samples_->soft_objects);
+      result.input.soft_objects = samples_->soft_objects;
       return result;
     }
     void step(HandLoop& loop, Nanoseconds now, ByteReader& in) {
@@ -68,6 +72,7 @@ struct FlightTraits<HandLoop> {
       WorldObjects world;
       std::vector<ObjectCoupling> other_hands;
       Skeleton second_skeleton;
+      std::vector<SoftObjectState> soft_objects;
     };
     std::unique_ptr<Samples> samples_ = std::make_unique<Samples>();
   };

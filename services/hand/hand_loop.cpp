@@ -37,7 +37,8 @@ HandLoop::HandLoop(const std::vector<KeyedHand>& hands, const HandOptions& optio
                                                    static_cast<int>(options.mirrored_objects),
                                                    static_cast<int>(options.static_objects), object_spring,
                                                    static_cast<int>(options.object_joints), std::move(soft_objects))),
-      mirror_(*simulation_, options_, hands.front().key, symmetric_) {
+      mirror_(*simulation_, options_, hands.front().key, symmetric_),
+      soft_mirror_(*simulation_, options_, symmetric_) {
   for (const KeyedHand& hand : hands)
     hands_.push_back(std::make_unique<PlayedHand>(*simulation_, hand_count(), options_, hand.key));
   if (const SoftObjects* soft = simulation_->soft())
@@ -68,6 +69,7 @@ void HandLoop::take_state(const HandLoop& other) {
   simulation_->take_state(*other.simulation_);
   for (std::size_t h = 0; h < hands_.size(); ++h) hands_[h]->take_state(*other.hands_[h]);
   mirror_.take_state(other.mirror_);
+  soft_mirror_.take_state(other.soft_mirror_);
   reset_time_ = other.reset_time_;
   counters_ = other.counters_;
 }
@@ -77,6 +79,7 @@ void HandLoop::reset(Nanoseconds time) {
   for (const auto& hand : hands_) hand->reset(time);
   simulation_->clear_targets();
   mirror_.release_all();
+  soft_mirror_.release_all();
   for (int i = 0; i < static_cast<int>(output().soft_objects.size()); ++i) simulation_->restart_soft_object(i);
   park_unknown();
 }
@@ -102,6 +105,9 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
     output().report = {};
     return output();
   }
+  for (const SoftObjectState& copy : input.soft_objects)
+    if (copy.stamp.sample_time > reset_time_) counters_.refused_soft += soft_mirror_.take(now, {&copy, 1});
+  soft_mirror_.begin_step(now);
   mirror_.begin_step(now, settles(), input.other_hands);
   simulation_->pass_through(settles());
   simulation_->enable_ledger(requested.ledger);
@@ -112,6 +118,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   if (!report.state_changed) ++counters_.failed_steps;
   if (report.status == StepStatus::budget_spent) ++counters_.budget_steps;
   if (report.chord) ++counters_.chord_steps;
+  soft_mirror_.end_step();
   for (const auto& hand : hands_) hand->end_step(now, time_step_, requested);
   write_outputs(now, requested);
   return output();
@@ -140,6 +147,7 @@ void HandLoop::write_outputs(Nanoseconds now, const RequestedOutputs& requested)
   if (!requested.soft_objects) return;
   for (std::size_t i = 0; i < out.soft_objects.size(); ++i) {
     out.soft_objects[i].stamp = coupling.stamp;
+    out.soft_objects[i].owned = soft_mirror_.owns(static_cast<int>(i)) ? 1 : 0;
     simulation_->soft()->write_state(static_cast<int>(i), simulation_->state(), out.soft_objects[i]);
   }
 }
@@ -175,6 +183,7 @@ MessageReply HandLoop::restart_soft_objects(const Message& message, const std::s
   for (int i = 0; i < static_cast<int>(output().soft_objects.size()); ++i) {
     if (name != "*" && name != simulation_->soft()->object(i).name) continue;
     simulation_->restart_soft_object(i);
+    soft_mirror_.release(i);
     ++restarted;
   }
   // The world has the other objects.
@@ -222,7 +231,10 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   const WorkCounters work = simulation_->work();
   add_counter(status, "tissue_elements", static_cast<double>(work.tissue_elements));
   add_counter(status, "soft_elements", static_cast<double>(work.soft_elements));
-  if (simulation_->soft() != nullptr) add_counter(status, "passed_objects", simulation_->soft()->passing());
+  if (simulation_->soft() != nullptr) {
+    add_counter(status, "passed_objects", simulation_->soft()->passing());
+    add_counter(status, "refused_soft", static_cast<double>(counters_.refused_soft));
+  }
   add_counter(status, "contact_queries", static_cast<double>(work.contact_queries));
   add_counter(status, "factorised_steps", static_cast<double>(work.factorised_steps));
   add_counter(status, "chord_steps", static_cast<double>(counters_.chord_steps));
@@ -273,6 +285,7 @@ std::vector<SoftObjectDescription> HandLoop::soft_object_descriptions() const {
 
 void HandLoop::save(ByteWriter& out) const {
   mirror_.save(out);
+  out.write(soft_mirror_);
   out.write(reset_time_);
   out.write(counters_);
   for (const auto& hand : hands_) hand->save(out);
@@ -281,6 +294,7 @@ void HandLoop::save(ByteWriter& out) const {
 
 void HandLoop::load(ByteReader& in) {
   mirror_.load(in);
+  in.read(soft_mirror_);
   in.read(reset_time_);
   in.read(counters_);
   for (const auto& hand : hands_) hand->load(in);

@@ -12,6 +12,7 @@
 #include "hand/hand_options.hpp"
 #include "hand/object_mirror.hpp"
 #include "hand/played_hand.hpp"
+#include "hand/soft_mirror.hpp"
 #include "messages/messages.hpp"
 #include "model/hand_model.hpp"
 #include "scene/hand_simulation.hpp"
@@ -24,8 +25,9 @@ struct HandInput {
   const Skeleton* skeleton = nullptr;
   const HeadPose* head = nullptr;  ///< used only without the intermediate layer
   const WorldObjects* world = nullptr;
-  std::span<const ObjectCoupling> other_hands{};  ///< the newest coupling of each other hand, also if it is not new
-  const Skeleton* second_skeleton = nullptr;      ///< the same of the second hand
+  std::span<const ObjectCoupling> other_hands{};    ///< the newest coupling of each other hand, also if it is not new
+  const Skeleton* second_skeleton = nullptr;        ///< the same of the second hand
+  std::span<const SoftObjectState> soft_objects{};  ///< new states of the world's copies of flexible objects
   /// Fast steps, from this step on. 0: as before. Ignored if the options have no work budget.
   double work_budget = 0;
 };
@@ -33,6 +35,7 @@ struct HandInput {
 struct HandCounters {
   std::uint64_t refused_nonfinite = 0;  ///< joints or objects with a number that is not finite
   std::uint64_t refused_future = 0;     ///< skeletons and worlds from the future
+  std::uint64_t refused_soft = 0;       ///< states of flexible objects, as `SoftMirror::take`
   std::uint64_t refused_order = 0;      ///< samples that are not newer than the last one
   std::uint64_t repositioned = 0;
   std::uint64_t stale_steps = 0;           ///< steps whose newest skeleton was older than `stale_after`
@@ -82,8 +85,8 @@ class HandLoop {
   /// have the same hand, the same number of slots and the same objects. Call between steps. Allocates.
   void take_state(const HandLoop& other);
 
-  // A saved state (docs/flight-recorder.md). A loop of the same hand and options that loads it
-  // continues with the same bits as the loop that saved it, if that one calls `forget` at the same time.
+  // A saved state (docs/flight-recorder.md). A loop of the same hand and options can load it. It continues with the
+  // same bits as the loop that saved it, if that one calls `forget` at the same time.
   void save(ByteWriter& out) const;
   /// Call it for a loop that has made no step and knows no objects. Throws std::runtime_error if the bytes do not fit.
   void load(ByteReader& in);
@@ -122,8 +125,9 @@ class HandLoop {
   /// Of all flexible objects.
   std::vector<SoftObjectDescription> soft_object_descriptions() const;
   /// Answers messages. Keys:
-  /// - `reposition` with any value: the hands move to their targets at once and release what they hold.
-  /// - `object.reset` NAME or *: a flexible object is back where it started, at rest. The world answers for the others.
+  /// - `reposition` with any value moves the hands to their targets at once. They release what they hold.
+  /// - `object.reset` NAME or * puts a flexible object back where it started, at rest. The world answers for the
+  /// others.
   MessageReply answer(const Message& message, const std::string& module);
   /// Adds input age, results of the last step's solver, state figures, energies and counters.
   void fill_status(LoopStatus& status, Nanoseconds now) const;
@@ -149,6 +153,7 @@ class HandLoop {
   std::unique_ptr<HandSimulation> simulation_;
   std::vector<std::unique_ptr<PlayedHand>> hands_;
   ObjectMirror mirror_;
+  SoftMirror soft_mirror_;
   Nanoseconds reset_time_ = -1;
   HandCounters counters_;  // of the steps and of worlds from the future
 };

@@ -17,6 +17,7 @@
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "messages/newest_couplings.hpp"
+#include "messages/newest_soft_states.hpp"
 #include "runtime/phase_lock.hpp"
 #include "scene_file.hpp"
 #include "service/loop_log.hpp"
@@ -98,9 +99,11 @@ void run(int argc, char** argv) {
   bus::Writer description_writer(p, bus::topics::hand_description);
   std::optional<bus::Writer<SoftObjectState>> soft_writer;
   std::optional<bus::Writer<SoftObjectDescription>> soft_description_writer;
+  std::optional<bus::Reader<SoftObjectState>> soft_copies;
   if (!scene.soft_objects.empty()) {
     soft_writer.emplace(p, bus::topics::soft_object_state);
     soft_description_writer.emplace(p, bus::topics::soft_object_description);
+    if (scene.options.world.soft == "world") soft_copies.emplace(p, bus::topics::soft_object_copy);
   }
 
   // Measure with the urgency of the service, because the loop will run with it. A late step is worse than a slightly
@@ -154,6 +157,7 @@ void run(int argc, char** argv) {
   std::vector<Skeleton> newest(scenes.size());
   auto world = std::make_unique<WorldObjects>();
   HeadPose head;
+  NewestSoftStates soft_states(scene.soft_objects.size());
   NewestCouplings other_hands(couplings ? 2 * bus::topics::kHands : 0);  // as many as a reader follows
   std::uint64_t refused_objects = 0, other_worlds = 0;
   LoopLog log("softhand-hand");
@@ -227,6 +231,11 @@ void run(int argc, char** argv) {
       });
       input.other_hands = other_hands.all();
     }
+    soft_states.clear();
+    if (soft_copies) {
+      soft_copies->take_all([&](const SoftObjectState& each) { soft_states.put(each); });
+      input.soft_objects = soft_states.all();
+    }
     const RequestedOutputs requested{.surface = surface_writer.has_readers(),
                                      .contacts = contacts_writer.has_readers(),
                                      .traction = traction_writer.has_readers(),
@@ -255,6 +264,7 @@ void run(int argc, char** argv) {
     loop.fill_status(status, now);
     for (const auto& reader : skeletons) count_inputs(status, p, reader);
     count_inputs(status, p, heads, worlds, descriptions, joints);
+    if (soft_copies) count_inputs(status, p, *soft_copies);
     add_counter(status, "other_worlds", static_cast<double>(other_worlds));
     if (couplings) {
       count_inputs(status, p, *couplings);

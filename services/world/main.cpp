@@ -1,13 +1,12 @@
 // softhand-world: the bridge to a physics engine.
-#include <algorithm>
 #include <cstdint>
 #include <memory>
 #include <optional>
 #include <utility>
-#include <vector>
 
 #include "flight/world_flight.hpp"
 #include "messages/newest_couplings.hpp"
+#include "messages/newest_soft_states.hpp"
 #include "scene_file.hpp"
 #include "service/service.hpp"
 #include "world/description_changes.hpp"
@@ -49,9 +48,12 @@ void run(int argc, char** argv) {
   DescriptionChanges changes(loop, stamped_to(descriptions), stamped_to(joints));
 
   NewestCouplings newest(2 * bus::topics::kHands);  // as many as a reader follows
-  std::vector<SoftObjectState> soft_objects;  // the newest states since the last step
-  soft_objects.reserve(scene.soft_objects.size());
+  std::optional<bus::Writer<SoftObjectState>> soft_copies;
+  if (options.soft == "world" && !scene.soft_objects.empty())
+    soft_copies.emplace(service.participant(), bus::topics::soft_object_copy);
+  NewestSoftStates soft_objects(scene.soft_objects.size());
   auto out = std::make_unique<WorldObjects>();
+  auto copy_out = std::make_unique<SoftObjectState>();
   const auto step = [&](Nanoseconds now) {
     changes.pass_on(loop, now);
     bool is_new = false;
@@ -64,21 +66,19 @@ void run(int argc, char** argv) {
       soft_descriptions->take_some(kMaxSoftObjects, [&](const SoftObjectDescription& each) {
         flight.describe(kFlightSoftObject, each, [&] { loop.describe_soft_object(each); });
       });
-      soft_states->take_all([&](const SoftObjectState& each) {
-        const auto known = std::ranges::find(soft_objects, each.object, &SoftObjectState::object);
-        if (known != soft_objects.end()) {
-          *known = each;
-        } else if (soft_objects.size() < scene.soft_objects.size()) {
-          soft_objects.push_back(each);
-        }
-      });
+      soft_states->take_all([&](const SoftObjectState& each) { soft_objects.put(each); });
     }
-    const WorldInput input{newest.all(), soft_objects};
+    const WorldInput input{newest.all(), soft_objects.all()};
     const WorldOutput& result =
         flight.step(now, {input, is_new}, [&]() -> const WorldOutput& { return loop.step(now, input); });
     const WorldCounters before = std::exchange(counters, loop.counters());
     if (counters.repaired > before.repaired) flight.report("an object was not finite in the engine");
     if (counters.refused_nonfinite > before.refused_nonfinite) flight.report("an input was not finite");
+    for (std::size_t i = 0; soft_copies && i < result.soft_count && soft_copies->has_readers(); ++i) {
+      *copy_out = result.soft_objects[i];
+      service.stamp(copy_out->stamp);
+      soft_copies->write(*copy_out);
+    }
     if (!objects.has_readers()) return;
     *out = result.objects;
     service.stamp(out->stamp);

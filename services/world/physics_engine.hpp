@@ -77,8 +77,8 @@ class PhysicsEngine {
   /// Copies of flexible objects have numbers 0..kMaxSoftObjects - 1. A new one is hidden: bodies pass through it until
   /// `move_copy`.
   virtual void add_copy(std::size_t number, const EngineCopy& copy) = 0;
-  /// Where it is at the end of the next step: its centre (m), the velocity of the centre (m/s), and its vertices
-  /// relative to the centre. It stays there until the next call. `rests`: the bodies on it may sleep.
+  /// Where it is at the end of the next step: its centre (m), and its vertices relative to the centre. The velocity
+  /// (m/s) is that of the centre. It stays there until the next call. `rests`: the bodies on it may sleep.
   virtual void move_copy(std::size_t number, const Vector3& centre, const Vector3& velocity,
                          std::span<const std::array<float, 3>> vertices, bool rests) = 0;
   virtual void hide_copy(std::size_t number) = 0;
@@ -87,8 +87,9 @@ class PhysicsEngine {
   /// Puts a body to sleep that rests, as if the engine had done so itself.
   virtual void put_to_sleep(std::size_t slot) = 0;
   /// Forgets everything that it carries from step to step: contacts, impulses, sleep, and the order in which objects
-  /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects, joints and
-  /// copies of flexible objects, in the order of slots and numbers, at rest. The copies are hidden. Allocates nothing.
+  /// came. Only the reactions and coordinates of joints stay. Then it equals a new engine with these objects, joints
+  /// and copies of flexible objects, in the order of slots and numbers, at rest. The copies are hidden. Allocates
+  /// nothing.
   virtual void forget() = 0;
   /// Makes one step of `dt` seconds. Forces act during all of it. The engine may divide it into parts, but their number
   /// must follow from its state alone.

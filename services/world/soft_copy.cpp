@@ -4,8 +4,11 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <optional>
 #include <stdexcept>
+#include <utility>
 
+#include "math/tetrahedron.hpp"
 #include "messages/age.hpp"
 #include "messages/convert.hpp"
 #include "messages/plausible.hpp"
@@ -16,10 +19,12 @@ namespace {
 
 constexpr double kRest = 1e-6;  // m
 constexpr double kMostExcess = 0.05;
+// A creep of 0.1 mm/s must not sleep.
+constexpr double kStays = 2e-5, kUntilRest = 0.5;  // m, s
+constexpr Nanoseconds kHoldoff = 200'000'000;
+// s between two states that are published: of an object that moves, and of one that rests.
+constexpr double kPeriod = 0.01, kRestPeriod = 0.1;
 constexpr std::size_t kMostParts = 64;
-
-bool is_plausible(const Vec3& v) { return to_vector(v).norm() < kPlausibleLimit; }  // false for NaN, too
-bool is_plausible(const std::array<float, 3>& v) { return to_vector(v).norm() < kPlausibleLimit; }
 
 using Tetrahedra = std::vector<std::array<std::int32_t, 4>>;
 struct Part {
@@ -30,16 +35,14 @@ struct Part {
 
 Part part_of(const SoftBody& body, Tetrahedra tetrahedra) {
   Part part{std::move(tetrahedra), {}, 0};
-  for (const auto& triangle : boundary(part.tetrahedra)) part.nodes.insert(part.nodes.end(), triangle.begin(), triangle.end());
+  for (const auto& triangle : boundary(part.tetrahedra))
+    part.nodes.insert(part.nodes.end(), triangle.begin(), triangle.end());
   std::sort(part.nodes.begin(), part.nodes.end());
   part.nodes.erase(std::unique(part.nodes.begin(), part.nodes.end()), part.nodes.end());
   std::vector<Vector3> points;
   for (const std::int32_t node : part.nodes) points.push_back(body.nodes[static_cast<std::size_t>(node)]);
   double volume = 0;
-  for (const auto& t : part.tetrahedra) {
-    const auto at = [&](std::size_t k) -> const Vector3& { return body.nodes[static_cast<std::size_t>(t[k])]; };
-    volume += (at(1) - at(0)).cross(at(2) - at(0)).dot(at(3) - at(0)) / 6;
-  }
+  for (const auto& t : part.tetrahedra) volume += tetrahedron_volume(body.nodes, t);
   part.excess = hull_solid(points).volume - volume;
   return part;
 }
@@ -84,27 +87,171 @@ std::vector<std::vector<std::int32_t>> convex_parts(const SoftBody& body) {
   return result;
 }
 
-SoftCopy::SoftCopy(const SoftObject& object)
-    : parts_(convex_parts(*object.body)), friction_(object.body->friction) {
-  for (const Vector3& node : object.body->nodes) start_.push_back(to_floats(object.pose.orientation * node));
-  moved_ = known_.state_offsets = known_.state_velocities = known_.offsets = start_;
+SoftCopy::SoftCopy(const SoftObject& object, int obstacles, const NodeSpring& spring)
+    : name_(object.name),
+      is_shared_(object.is_shared),
+      has_spring_(spring.stiffness > 0),
+      pose_(object.pose),
+      parts_(convex_parts(*object.body)),
+      friction_(object.body->friction) {
+  for (const Vector3& node : object.body->nodes) start_.push_back(to_floats(pose_.orientation * node));
+  moved_ = known_.state_offsets = known_.state_velocities = known_.offsets = known_.left = start_;
+  known_.twin_offsets = known_.twin_velocities = start_;
+  if (!is_shared_) return;
+  body_ = std::make_unique<FreeSoftBody>(object, obstacles, spring);
+  positions_ = body_->positions();
+  velocities_ = body_->velocities();
+  restart();
+}
+
+void SoftCopy::restart() {
+  known_.is_there = true;
+  known_.owned = known_.is_free = known_.sleeps = false;
+  known_.state_centre = to_wire(pose_.position);
+  known_.state_offsets = start_;
+  known_.state_velocity = known_.hand_force = {};
+  std::ranges::fill(known_.state_velocities, std::array<float, 3>{});
+  known_.contact_count = known_.inverted_elements = 0;
+  known_.started_at = known_.written_at = known_.twin_time = 0;
 }
 
 bool SoftCopy::take(const SoftObjectState& state) {
-  if (state.nodes.size() != start_.size() || state.velocities.size() != start_.size()) return false;
-  const auto all_plausible = [](const auto& list) {
-    return std::all_of(list.begin(), list.end(), [](const auto& each) { return is_plausible(each); });
-  };
-  if (!is_plausible(state.centre) || !is_plausible(state.linear_velocity) || !all_plausible(state.nodes) ||
-      !all_plausible(state.velocities))
-    return false;
-  if (known_.is_there && state.stamp.sample_time <= known_.time) return true;
+  if (!is_plausible(state, static_cast<int>(start_.size()))) return false;
+  if (is_shared_ && (known_.started_at == 0 || state.stamp.sample_time - known_.started_at < kHoldoff)) return true;
+  if (has_spring_) {
+    if (state.stamp.sample_time <= known_.twin_time) return true;
+    known_.twin_time = state.stamp.sample_time;
+    known_.twin_centre = state.centre;
+    known_.twin_velocity = state.linear_velocity;
+    std::copy(state.nodes.begin(), state.nodes.end(), known_.twin_offsets.begin());
+    std::copy(state.velocities.begin(), state.velocities.end(), known_.twin_velocities.begin());
+    known_.hand_force = state.hand_force;
+    known_.contact_count = state.contact_count;
+    return true;
+  }
+  if (is_shared_ && state.owned == 0) {
+    known_.owned = false;
+    return true;
+  }
+  if (known_.is_there && !known_.is_free && state.stamp.sample_time <= known_.time) return true;
   known_.is_there = true;
+  known_.owned = true;
   known_.time = state.stamp.sample_time;
   known_.state_centre = state.centre;
   known_.state_velocity = state.linear_velocity;
   std::copy(state.nodes.begin(), state.nodes.end(), known_.state_offsets.begin());
   std::copy(state.velocities.begin(), state.velocities.end(), known_.state_velocities.begin());
+  known_.hand_force = state.hand_force;
+  known_.contact_count = state.contact_count;
+  known_.inverted_elements = state.inverted_elements;
+  return true;
+}
+
+void SoftCopy::start_free() {
+  for (std::size_t node = 0; node < start_.size(); ++node) {
+    const auto column = static_cast<Eigen::Index>(node);
+    positions_.col(column) = to_vector(known_.state_centre) + to_vector(known_.state_offsets[node]);
+    velocities_.col(column) = to_vector(known_.state_velocity) + to_vector(known_.state_velocities[node]);
+  }
+  body_->start(positions_, velocities_);
+}
+
+// The spring of mode symmetric. It pulls to where the hand's nodes were: nodes that go on with stale velocities make
+// the springs grow faster.
+void SoftCopy::pull(Nanoseconds now, double stall) {
+  const std::optional<double> age = known_.twin_time == 0 ? std::nullopt : age_of(known_.twin_time, now);
+  if (!age || *age > stall) {
+    body_->let_go();
+    return;
+  }
+  for (std::size_t node = 0; node < start_.size(); ++node) {
+    const auto column = static_cast<Eigen::Index>(node);
+    velocities_.col(column) = to_vector(known_.twin_velocity) + to_vector(known_.twin_velocities[node]);
+    positions_.col(column) = to_vector(known_.twin_centre) + to_vector(known_.twin_offsets[node]);
+  }
+  body_->pull_to(positions_, velocities_);
+}
+
+bool SoftCopy::simulate(Nanoseconds now, double dt, double vanished, double stall,
+                        std::span<const Obstacle> obstacles) {
+  if (!is_shared_) return true;
+  if (known_.started_at == 0) known_.started_at = now;
+  if (known_.owned && age_of(known_.time, now).value_or(0) > vanished) known_.owned = false;
+  if (known_.owned) {
+    known_.is_free = known_.sleeps = false;
+    return true;
+  }
+  if (!has_spring_) {
+    known_.hand_force = {};
+    known_.contact_count = 0;
+  }
+  if (known_.sleeps) {
+    known_.time = now;
+    return true;
+  }
+  if (!std::exchange(known_.is_free, true)) {
+    start_free();
+    known_.left_at = now;
+    known_.left_centre = known_.state_centre;
+    known_.left = known_.state_offsets;
+  }
+  if (has_spring_) pull(now, stall);
+  for (std::size_t k = 0; k < obstacles.size(); ++k) body_->set_obstacle(static_cast<int>(k), obstacles[k]);
+  if (!body_->step(dt)) {
+    restart();
+    return false;
+  }
+  Vector3 centre = Vector3::Zero(), velocity = Vector3::Zero();
+  double mass = 0;
+  for (std::size_t node = 0; node < start_.size(); ++node) {
+    const double of_node = body_->masses()[node];
+    centre += of_node * body_->positions().col(static_cast<Eigen::Index>(node));
+    velocity += of_node * body_->velocities().col(static_cast<Eigen::Index>(node));
+    mass += of_node;
+  }
+  centre /= mass;
+  velocity /= mass;
+  known_.time = now;
+  known_.state_centre = to_wire(centre);
+  known_.state_velocity = to_wire(velocity);
+  const Vector3 shift = centre - to_vector(known_.left_centre);
+  double farthest = 0;
+  for (std::size_t node = 0; node < start_.size(); ++node) {
+    const auto column = static_cast<Eigen::Index>(node);
+    known_.state_offsets[node] = to_floats(body_->positions().col(column) - centre);
+    known_.state_velocities[node] = to_floats(body_->velocities().col(column) - velocity);
+    const Vector3 moved = shift + to_vector(known_.state_offsets[node]) - to_vector(known_.left[node]);
+    farthest = std::max(farthest, moved.norm());
+  }
+  if (farthest > kStays || has_spring_) {
+    known_.left_at = now;
+    known_.left_centre = known_.state_centre;
+    known_.left = known_.state_offsets;
+  } else if (age_of(known_.left_at, now).value_or(0) > kUntilRest) {
+    known_.is_free = false;
+    known_.sleeps = true;
+    known_.state_velocity = {};
+    std::ranges::fill(known_.state_velocities, std::array<float, 3>{});
+  }
+  return true;
+}
+
+bool SoftCopy::write_state(Nanoseconds now, SoftObjectState& out) {
+  if (!is_shared_) return false;
+  const double since = age_of(known_.written_at, now).value_or(0);
+  if (known_.written_at != 0 && since < (known_.sleeps ? kRestPeriod : kPeriod)) return false;
+  known_.written_at = now;
+  out.stamp.sample_time = known_.owned ? known_.time : now;
+  out.owned = known_.owned ? 1 : 0;
+  out.centre = known_.state_centre;
+  out.linear_velocity = known_.state_velocity;
+  out.hand_force = known_.hand_force;
+  out.contact_count = known_.contact_count;
+  out.inverted_elements = known_.inverted_elements;
+  out.nodes.clear();
+  out.velocities.clear();
+  for (const auto& node : known_.state_offsets) out.nodes.push_back(node);
+  for (const auto& node : known_.state_velocities) out.velocities.push_back(node);
   return true;
 }
 
@@ -133,10 +280,13 @@ SoftCopy::Change SoftCopy::move(Nanoseconds now, double most_ahead, double stall
   return Change::moved;
 }
 
-void SoftCopy::check() const {
-  for (const Offsets* each : {&known_.state_offsets, &known_.state_velocities, &known_.offsets})
+void SoftCopy::put_into(PhysicsEngine& engine, std::size_t number) {
+  for (const Offsets* each : {&known_.state_offsets, &known_.state_velocities, &known_.offsets, &known_.left,
+                              &known_.twin_offsets, &known_.twin_velocities})
     if (each->size() != start_.size())
       throw std::runtime_error("the saved state has a flexible object with another number of nodes");
+  if (known_.is_there) place(engine, number);
+  if (known_.is_free) start_free();
 }
 
 void SoftCopy::place(PhysicsEngine& engine, std::size_t number) const {

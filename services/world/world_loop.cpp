@@ -51,8 +51,9 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
       hand_step_(hand_step),
       output_(std::make_unique<WorldOutput>()) {
   std::string wrong;
-  for (const std::string& text : check_world(options, objects, hand_step, joints))
-    wrong += (wrong.empty() ? "" : "\n") + text;
+  std::vector<std::string> reasons = check_world(options, objects, hand_step, joints);
+  for (const std::string& text : check_soft_objects(options, soft_objects, hand_step)) reasons.push_back(text);
+  for (const std::string& text : reasons) wrong += (wrong.empty() ? "" : "\n") + text;
   if (!wrong.empty()) throw std::invalid_argument(wrong);
   hands_.reserve(kMostHands);
   objects_.reserve(objects.size());
@@ -78,10 +79,15 @@ WorldLoop::WorldLoop(const WorldOptions& options, const std::vector<ObjectOption
   if (soft_objects.size() > kMaxSoftObjects)
     throw std::invalid_argument(std::to_string(soft_objects.size()) + " flexible objects, expected at most " +
                                 std::to_string(kMaxSoftObjects));
+  if (std::ranges::any_of(soft_objects, &SoftObject::is_shared)) find_obstacles();
+  NodeSpring spring;
+  if (options.mode == "symmetric") spring = {options.stiffness, options.damping_ratio};
+  copies_.reserve(soft_objects.size());
   for (const SoftObject& object : soft_objects) {
-    engine_->add_copy(copies_.size(), SoftCopy(object).engine_copy());
-    copies_.emplace_back(object);
+    copies_.emplace_back(object, static_cast<int>(obstacles_.size()), object.is_shared ? spring : NodeSpring{});
+    engine_->add_copy(copies_.size() - 1, copies_.back().engine_copy());
   }
+  output_->soft_objects.resize(copies_.size());
 }
 
 WorldLoop::~WorldLoop() = default;
@@ -244,8 +250,15 @@ void WorldLoop::reset(Nanoseconds time) {
   reset_time_ = time;
   restore_all();
   for (Object& object : objects_) object.restarted = true;
-  for (std::size_t number = 0; number < copies_.size(); ++number) {
-    copies_[number].leave();
+  for (std::size_t number = 0; number < copies_.size(); ++number) restart_copy(number);
+}
+
+void WorldLoop::restart_copy(std::size_t number) {
+  SoftCopy& copy = copies_[number];
+  if (copy.is_shared()) {
+    copy.restart();
+  } else {
+    copy.leave();
     engine_->hide_copy(number);
   }
 }
@@ -439,7 +452,18 @@ void WorldLoop::describe_soft_object(const SoftObjectDescription& description) {
   const std::size_t number = description.object - kFirstSoftObject;
   if (description.removed == 0 || number >= copies_.size()) return;
   copies_[number].leave();
-  engine_->hide_copy(number);
+  if (!copies_[number].is_there()) engine_->hide_copy(number);
+}
+
+/// The convex pieces of all static objects.
+void WorldLoop::find_obstacles() {
+  for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
+    const Object& object = objects_[slot];
+    for (std::size_t piece = 0; !object.dynamic && piece < object.solid.piece_count(); ++piece) {
+      obstacle_shapes_.emplace_back(slot, std::make_unique<ShapeGeometry>(object.solid.piece(piece)));
+      obstacles_.emplace_back();
+    }
+  }
 }
 
 /// The flexible objects to where they are at the end of this step. The hand that owns an object has their contact with
@@ -451,15 +475,21 @@ void WorldLoop::move_copies(Nanoseconds now, const WorldInput& input) {
     if (number >= copies_.size() || !age_of(state.stamp.sample_time, now) || !copies_[number].take(state))
       ++counters_.refused_soft;
   }
+  for (std::size_t k = 0; k < obstacles_.size(); ++k) {
+    const auto& [slot, shape] = obstacle_shapes_[k];
+    const Object& object = objects_[slot];
+    obstacles_[k] = {object.present ? shape.get() : nullptr, object.pose, object.options.friction};
+  }
   const double most_ahead = (1 + options_.staleness) * (step_ + hand_step_);
-  bool is_there = false;
+  bool any_there = false;
   for (std::size_t number = 0; number < copies_.size(); ++number) {
     SoftCopy& copy = copies_[number];
+    if (!copy.simulate(now, step_, kVanished, kMotionStall, obstacles_)) ++counters_.repaired;
     if (!copy.is_there()) continue;
-    is_there = true;
+    any_there = true;
     if (copy.move(now, most_ahead, kMotionStall) != SoftCopy::Change::none) copy.place(*engine_, number);
   }
-  if (!is_there) return;
+  if (!any_there) return;
   const bool symmetric = options_.mode == "symmetric";
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     const Object& object = objects_[slot];
@@ -508,6 +538,13 @@ const WorldOutput& WorldLoop::step(Nanoseconds now, const WorldInput& input) {
   for (std::size_t slot = 0; slot < objects_.size(); ++slot) {
     objects_[slot].planes.clear();
     if (objects_[slot].near_hand) find_planes(slot);
+  }
+  output_->soft_count = 0;
+  for (std::size_t number = 0; number < copies_.size(); ++number) {
+    SoftObjectState& state = output_->soft_objects[output_->soft_count];
+    if (!copies_[number].write_state(now, state)) continue;
+    state.object = kFirstSoftObject + static_cast<std::uint32_t>(number);
+    ++output_->soft_count;
   }
   publish(now);
   return *output_;
@@ -568,9 +605,16 @@ MessageReply WorldLoop::answer(const Message& message, std::string_view module) 
       if (each.options.name.size() > name.size() && value.starts_with(each.options.name + " "))
         name = value.substr(0, each.options.name.size());
   }
+  for (SoftCopy& copy : copies_) copy.wake();
   if (key == "object.reset" && name == "*") {
     restore_all();
+    for (std::size_t number = 0; number < copies_.size(); ++number) restart_copy(number);
     return result_of(kReplyApplied, "all objects reset");
+  }
+  for (std::size_t number = 0; number < copies_.size() && key == "object.reset"; ++number) {
+    if (copies_[number].name() != name) continue;
+    restart_copy(number);
+    return result_of(kReplyApplied, "reset");
   }
   Object* object = find(name);
   if (object == nullptr) return result_of(kReplyRefused, "expected the name of an object in the scene, not ", name);
@@ -631,8 +675,9 @@ void WorldLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "refused_mode", static_cast<double>(counters_.refused_mode));
   if (!copies_.empty()) {
     add_counter(status, "refused_soft", static_cast<double>(counters_.refused_soft));
-    add_counter(status, "soft_copys",
-                static_cast<double>(std::ranges::count_if(copies_, &SoftCopy::is_there)));
+    add_counter(status, "soft_copies", static_cast<double>(std::ranges::count_if(copies_, &SoftCopy::is_there)));
+    add_counter(status, "free_soft_objects",
+                static_cast<double>(std::ranges::count_if(copies_, &SoftCopy::is_simulated)));
   }
   add_counter(status, "stalls", static_cast<double>(counters_.stalls));
   add_counter(status, "vanished", static_cast<double>(counters_.vanished));

@@ -30,6 +30,10 @@ struct WorldOutput {
   /// All objects that have not been removed, including static ones (their pose is published only here). The caller
   /// fills in epoch, clock and publish time.
   WorldObjects objects;
+  /// The first `soft_count` are the copies of flexible objects to be published now (soft_object_copy). The caller fills
+  /// in the rest of the stamps.
+  std::vector<SoftObjectState> soft_objects;
+  std::size_t soft_count = 0;
 };
 
 struct WorldCounters {
@@ -39,15 +43,16 @@ struct WorldCounters {
   /// States of flexible objects: from the future, of an unknown object, with another number of nodes, or with values
   /// that are not finite or absurd.
   std::uint64_t refused_soft = 0;
-  std::uint64_t refused_mode = 0;    ///< couplings of the other mode
-  std::uint64_t stalls = 0;          ///< times an owner's data became stale while it owned an object
-  std::uint64_t vanished = 0;        ///< times an owner vanished
-  std::uint64_t repaired = 0;        ///< objects that became non-finite in the engine and were restored
+  std::uint64_t refused_mode = 0;  ///< couplings of the other mode
+  std::uint64_t stalls = 0;        ///< times an owner's data became stale while it owned an object
+  std::uint64_t vanished = 0;      ///< times an owner vanished
+  std::uint64_t repaired = 0;      ///< objects that became non-finite in the engine and were restored
 };
 
 class WorldLoop {
  public:
-  /// Throws std::invalid_argument with all messages of check_world, or for more than kMaxSoftObjects.
+  /// Throws std::invalid_argument with all messages of check_world and check_soft_objects, or for more than
+  /// kMaxSoftObjects.
   WorldLoop(const WorldOptions& options, const std::vector<ObjectOptions>& objects, double hand_step = 1.0 / 90,
             const std::vector<JointOptions>& joints = {}, const std::vector<SoftObject>& soft_objects = {});
   ~WorldLoop();
@@ -68,6 +73,7 @@ class WorldLoop {
   template <typename Visit>
   void for_each_part(Visit&& visit) const {
     visit("objects", output_->objects);
+    visit("flexible objects", copies_);
     visit("counters", counters_);
     visit("version", descriptions_version_);
   }
@@ -91,12 +97,13 @@ class WorldLoop {
   /// Answers messages. Call between steps. The hand that holds the object releases it. Other keys, and messages to
   /// another module than `module`, are ignored. Keys:
   /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns. Objects that joints
-  ///   connect to it are reset too.
+  ///   connect to it are reset too. NAME may be that of a flexible object.
   ///
-  /// - `object.remove` NAME: removes its joints too.
+  /// - `object.remove` NAME removes its joints, too.
   ///
-  /// - `object.teleport` NAME X Y Z: place of the shape's frame in m, at rest, orientation unchanged. Objects that
-  ///   joints connect to it move along. An object that is jointed to a static one is refused.
+  /// - `object.teleport` NAME X Y Z gives the place of the shape's frame in m. The object is at rest there, and its
+  ///   orientation is unchanged. Objects that joints connect to it move along. An object that is jointed to a static
+  ///   one is refused.
   MessageReply answer(const Message& message, std::string_view module = "world");
 
   /// Adds the age of the newest coupling, the energy of the objects and the counters.
@@ -167,7 +174,9 @@ class WorldLoop {
   void meet_hands(Nanoseconds now, const WorldInput& input);
   bool is_new(const HandKey& hand, Nanoseconds now) const;
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
+  void find_obstacles();
   void move_copies(Nanoseconds now, const WorldInput& input);
+  void restart_copy(std::size_t number);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
   void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
@@ -189,6 +198,9 @@ class WorldLoop {
   std::vector<Joint> joints_;
   std::vector<ObjectJointDescription> joint_descriptions_;
   std::vector<SoftCopy> copies_;  // of the flexible objects
+  // What shared flexible objects touch: pieces of static objects, with their slots.
+  std::vector<std::pair<std::size_t, std::unique_ptr<ShapeGeometry>>> obstacle_shapes_;
+  std::vector<Obstacle> obstacles_;
   double hand_step_;
   std::uint64_t descriptions_version_ = 0;
   WorldCounters counters_;

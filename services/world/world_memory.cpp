@@ -38,7 +38,7 @@ void WorldLoop::visit_own(Self& self, Visit&& visit) {
     visit(description.removed);
     visit(description.stamp.sequence);
   }
-  for (auto& copy : self.copies_) visit(copy.known());
+  for (auto& copy : self.copies_) visit(copy);
   visit(self.hands_);
   visit(self.descriptions_version_);
   visit(self.counters_);
@@ -70,10 +70,8 @@ void WorldLoop::load(ByteReader& in) {
     if (objects_[slot].present) add_to_engine(slot);
   for (std::size_t j = 0; j < joints_.size(); ++j)
     if (joints_[j].present) engine_->add_joint(j, joints_[j].engine);
-  for (std::size_t number = 0; number < copies_.size(); ++number) {
-    copies_[number].check();
+  for (std::size_t number = 0; number < copies_.size(); ++number)
     engine_->add_copy(number, copies_[number].engine_copy());
-  }
   set_engine(was_asleep);
 }
 
@@ -96,8 +94,7 @@ void WorldLoop::place_objects() {
 
 void WorldLoop::set_engine(const std::array<bool, kMaxObjects>& asleep) {
   place_objects();
-  for (std::size_t number = 0; number < copies_.size(); ++number)
-    if (copies_[number].is_there()) copies_[number].place(*engine_, number);
+  for (std::size_t number = 0; number < copies_.size(); ++number) copies_[number].put_into(*engine_, number);
   for (std::size_t slot = 0; slot < objects_.size(); ++slot)
     if (asleep[slot]) engine_->put_to_sleep(slot);
 }

@@ -62,6 +62,15 @@ double stiffest_stable(double stiffness_per_mass, double damping_ratio, double w
   return stable;
 }
 
+// Why a symmetric spring is refused.
+std::string reason(double stiffness_per_mass, double damping_ratio, double world_step, double hand_step) {
+  const double growth = symmetric_growth(stiffness_per_mass, damping_ratio, world_step, hand_step);
+  if (growth <= 1 + 1e-5) return "above the largest stable stiffness";
+  std::ostringstream text;
+  text << "small deviations grow by a factor of " << growth << " per period";
+  return text.str();
+}
+
 void check_joints(const std::vector<JointOptions>& joints, const std::vector<ObjectOptions>& objects,
                   std::vector<std::string>& wrong) {
   if (joints.size() > kMaxObjectJoints)
@@ -210,14 +219,7 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
   };
   const double step = 1 / world.rate_hz;
   const auto growing = [&](double stiffness_per_mass) {
-    const double growth = symmetric_growth(stiffness_per_mass, world.damping_ratio, step, hand_step);
-    std::ostringstream text;
-    if (growth > 1 + 1e-5) {
-      text << "small deviations grow by a factor of " << growth << " per period";
-    } else {
-      text << "above the largest stable stiffness";
-    }
-    return text.str();
+    return reason(stiffness_per_mass, world.damping_ratio, step, hand_step);
   };
   if (world.mode == "owner" && world.follow_stiffness > 1)
     refuse("world.follow_stiffness = ", world.follow_stiffness,
@@ -267,6 +269,29 @@ std::vector<std::string> check_world(const WorldOptions& world, const std::vecto
     }
   }
   check_joints(joints, objects, wrong);
+  return wrong;
+}
+
+std::vector<std::string> check_soft_objects(const WorldOptions& world, const std::vector<SoftObject>& objects,
+                                            double hand_step) {
+  std::vector<std::string> wrong;
+  const double step = 1 / world.rate_hz;
+  for (const SoftObject& object : objects) {
+    if (world.mode != "symmetric" || !object.is_shared) continue;
+    const double mass = mass_of(*object.body), asked = world.stiffness / mass;
+    const double offered = stiffest_stable(asked, world.damping_ratio, step, hand_step);
+    if (offered == asked) continue;
+    std::ostringstream text;
+    text << "world.stiffness = " << world.stiffness << ": " << reason(asked, world.damping_ratio, step, hand_step)
+         << " on objects." << object.name << " (" << mass << " kg, " << world.rate_hz << " Hz against " << 1 / hand_step
+         << " Hz). ";
+    if (offered > 0) {
+      text << "The nearest value that works: " << offered * mass;
+    } else {
+      text << "No stiffness works: use mode owner";
+    }
+    wrong.push_back(text.str());
+  }
   return wrong;
 }
 

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "model/object_model.hpp"
+#include "model/soft_object.hpp"
 #include "runtime/options.hpp"
 
 namespace softhand {
@@ -93,9 +94,10 @@ inline void describe(OptionVisitor& v, WorldOptions& o) {
   v.choice("mode", o.mode, {"owner", "symmetric"},
            "owner: the hand simulation owns a touched object, and the world's copy follows it. symmetric: a spring "
            "on both sides (ES2725128A1, U'_crb).");
-  v.choice("soft", o.soft, {"hand"},
-           "Flexible objects. hand: the hand simulation owns them all the time, and the world does not have them "
-           "(docs/soft-objects.md).");
+  v.choice(
+      "soft", o.soft, {"hand", "world"},
+      "Who simulates flexible objects. hand: the hand simulation, all the time. The world's copy follows. world: the "
+      "world, while no hand owns them (docs/soft-objects.md).");
   v.number(
       "follow_stiffness", o.follow_stiffness, "1", {1e-3, 1e3},
       "Mode owner: stiffness between the world's copy and the twin, divided by m/T^2. Values above 1 are refused.");
@@ -182,8 +184,13 @@ JointLaw joint_law(const JointOptions& joint);
 std::vector<std::string> check_world(const WorldOptions& world, const std::vector<ObjectOptions>& objects,
                                      double hand_step = 1.0 / 90, const std::vector<JointOptions>& joints = {});
 
-/// Returns a sentence for each set of jointed objects that a hand with so many slots for movable objects and places for
-/// joints can never take: it takes all of them or none.
+/// The same for the flexible objects. In mode symmetric the springs between the nodes of a shared one must not let
+/// small deviations grow.
+std::vector<std::string> check_soft_objects(const WorldOptions& world, const std::vector<SoftObject>& objects,
+                                            double hand_step = 1.0 / 90);
+
+/// A hand takes all objects that joints connect, or none. Returns a sentence for each such set that finds no room in a
+/// hand. It has so many slots for movable objects, and so many places for joints.
 std::vector<std::string> check_assemblies(const std::vector<ObjectOptions>& objects,
                                           const std::vector<JointOptions>& joints, std::int64_t slots,
                                           std::int64_t places);

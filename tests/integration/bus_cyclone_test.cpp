@@ -162,6 +162,7 @@ TEST(BusAndCyclone, CReadsTheFieldsUnderTheirNames) {
   const auto soft = stamped<SoftObjectState>(6);
   lines = through_cyclone(topics::soft_object_state, *soft);
   EXPECT_EQ(number(lines, "object_id"), soft->object);
+  EXPECT_EQ(number(lines, "owned"), soft->owned);
   EXPECT_EQ(number(lines, "nodes.length"), static_cast<double>(soft->nodes.size()));
   EXPECT_FLOAT_EQ(static_cast<float>(number(lines, "velocities[last].z")),
                   soft->velocities[soft->velocities.size() - 1][2]);

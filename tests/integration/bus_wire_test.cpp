@@ -205,7 +205,7 @@ TEST(BusWire, TopicNamesAndTypesAgree) {
               !(std::is_same_v<T, Message> || std::is_same_v<T, MessageReply> || std::is_same_v<T, ClockBeacon>))
         << topic.name;
   });
-  EXPECT_EQ(names.size(), 21u);
+  EXPECT_EQ(names.size(), 22u);
 }
 
 /// Sends a message through Fast's generated type and back. The bytes, the maximum size and the key must be the same.

@@ -72,7 +72,8 @@ static void print_choices(const void* sample) {
 }
 static void print_soft_object(const void* sample) {
   const softhand_v1_SoftObjectState* s = sample;
-  printf("object_id %" PRIu32 "\nnodes.length %" PRIu32 "\n", s->object_id, s->nodes._length);
+  printf("object_id %" PRIu32 "\nowned %" PRIu32 "\nnodes.length %" PRIu32 "\n", s->object_id, s->owned,
+         s->nodes._length);
   if (s->velocities._length > 0)
     printf("velocities[last].z %.9g\n", s->velocities._buffer[s->velocities._length - 1].z);
 }
@@ -103,6 +104,7 @@ static const struct {
     {"softhand/v1/object_joint", &softhand_v1_ObjectJointDescription_desc, print_nothing},
     {"softhand/v1/soft_object_description", &softhand_v1_SoftObjectDescription_desc, print_nothing},
     {"softhand/v1/soft_object_state", &softhand_v1_SoftObjectState_desc, print_soft_object},
+    {"softhand/v1/soft_object_copy", &softhand_v1_SoftObjectState_desc, print_soft_object},
     {"softhand/v1/hand_description", &softhand_v1_HandDescription_desc, print_nothing},
 };
 

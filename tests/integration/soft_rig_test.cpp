@@ -1,5 +1,5 @@
-// A rig of real processes with a flexible object: a ball of foam is squeezed, put back by a reset, and the
-// hand's process and the world are killed meanwhile.
+// A rig of real processes with a flexible object. A ball of foam is squeezed and put back by a reset. The hand's
+// process and the world are killed meanwhile.
 #include <gtest/gtest.h>
 #include <signal.h>
 
@@ -38,6 +38,7 @@ class SoftRig : public ::testing::Test {
       finite_ = finite_ && all_finite(each.centre) && all_finite(each.hand_force);
       centre_ = to_vector(each.centre);
       touched_ = each.contact_count > 0;
+      owned_ = each.owned != 0;
       if (each.nodes.size() != described_.node_count) return;
       // The fingers press along z. Beside them the ball bulges.
       constexpr float kFingertip = 0.006f;
@@ -63,7 +64,7 @@ class SoftRig : public ::testing::Test {
   std::uint64_t samples_ = 0;
   Vector3 centre_ = Vector3::Zero();
   double width_ = 0, least_ = kWidth;
-  bool touched_ = false, felt_ = false, finite_ = true;
+  bool touched_ = false, owned_ = false, felt_ = false, finite_ = true;
 };
 
 TEST_F(SoftRig, ABallIsSqueezedAgainAfterItsHandAndItsWorldWereKilled) {
@@ -111,6 +112,57 @@ TEST_F(SoftRig, ABallIsSqueezedAgainAfterItsHandAndItsWorldWereKilled) {
   up.send_signal(SIGINT);
   EXPECT_EQ(up.wait(20s), 0) << up.output();
   ASSERT_TRUE(waits(5s, [&] { return described_.removed == 1; })) << "the ball ends with its process";
+}
+
+// The world has the ball while nobody touches it. If its hand is killed, the world goes on with it. If the world is
+// killed, the hand that squeezes the ball keeps it.
+TEST_F(SoftRig, ASharedBallOutlivesItsHandAndItsWorld) {
+  RigListener listener;
+  bus::Reader<SoftObjectState> copies(*participant_, bus::topics::soft_object_copy);
+  SoftObjectState copy;
+  std::uint64_t samples = 0;
+  Up up("config/rigs/demo.toml",
+        {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set", "hand.model=right_400.hand.json",
+         "--set", "viewer.port=0", "--set", "hand.simulation.solver.work_budget=4", "--set", "world.soft=world"});
+  const auto waits = [&](std::chrono::milliseconds time, auto&& done) {
+    return listener.wait(time, [&] {
+      poll();
+      copies.take_all([&](const SoftObjectState& each) {
+        copy = each;
+        ++samples;
+      });
+      return done();
+    });
+  };
+  const auto squeezed = [this] { return owned_ && width_ > 0 && width_ < 0.85 * kWidth; };
+  const auto state = [&] {
+    return "at " + std::to_string(centre_.x()) + " " + std::to_string(centre_.y()) + " " + std::to_string(centre_.z()) +
+           ", owned " + std::to_string(owned_) + ", width " + std::to_string(width_) + ", copies " +
+           std::to_string(samples) + " at " + std::to_string(copy.centre[1]) + "\n" + up.output();
+  };
+  ASSERT_TRUE(waits(30s, [&] { return samples > 20 && samples_ > 20 && copy.owned == 0 && !owned_; })) << state();
+  EXPECT_LT((to_vector(copy.centre) - centre_).norm(), 2e-3) << state();
+  EXPECT_GT(copy.nodes.size(), 100u);
+  ASSERT_TRUE(waits(30s, [&] { return squeezed() && copy.owned == 1; })) << state();
+  EXPECT_LT((to_vector(copy.centre) - centre_).norm(), 5e-3) << "the copy follows the hand";
+
+  const auto world = static_cast<pid_t>(listener.process_id("world"));
+  ASSERT_EQ(kill(world, SIGKILL), 0);
+  ASSERT_TRUE(waits(20s, [&] { return listener.process_id("world") != world; })) << state();
+  ASSERT_TRUE(waits(30s, [&] { return squeezed() && copy.owned == 1; })) << state();
+
+  // The ball is let go by a hand that is no more. The world has it after half a second, and it comes to rest.
+  const auto hand = static_cast<pid_t>(listener.process_id("hand"));
+  ASSERT_EQ(kill(hand, SIGKILL), 0);
+  ASSERT_TRUE(waits(20s, [&] { return copy.owned == 0; })) << state();
+  ASSERT_TRUE(waits(20s, [&] { return listener.process_id("hand") != hand; })) << state();
+  ASSERT_TRUE(waits(30s, squeezed)) << "the new hand takes the ball where the world has it\n" << state();
+  EXPECT_TRUE(finite_);
+  EXPECT_EQ(listener.counter("hand", "refused_soft"), 0);
+  EXPECT_EQ(listener.counter("world", "refused_soft"), 0);
+
+  up.send_signal(SIGINT);
+  EXPECT_EQ(up.wait(20s), 0) << up.output();
 }
 
 }  // namespace

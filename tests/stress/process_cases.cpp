@@ -5,6 +5,7 @@
 #include <atomic>
 #include <cmath>
 #include <map>
+#include <string>
 #include <thread>
 
 #include "bus/bus.hpp"
@@ -94,10 +95,11 @@ Findings killed(const char* module) {
 }
 
 // The hand's process is killed while thumb and index finger squeeze a flexible ball. It simulates the ball, too.
-Findings soft_object_dropped() {
+// `soft`: of the options of the world.
+Findings soft_object_dropped(const std::string& soft) {
   RunningRig rig("config/rigs/demo.toml", {"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/sponge.toml", "--set",
                                            "hand.model=right_400.hand.json", "--set", "viewer.port=0", "--set",
-                                           "hand.simulation.solver.work_budget=8"});
+                                           "hand.simulation.solver.work_budget=8", "--set", "world.soft=" + soft});
   bus::Participant participant("soft-stress");
   bus::Reader<SoftObjectState> reader(participant, bus::topics::soft_object_state);
   SoftObjectState ball;
@@ -186,10 +188,11 @@ std::vector<Case> process_cases() {
       "killed", "kill -9 on a process of a running rig: live within 1 s under a new epoch, and the hand follows");
   for (const char* module : {"hand", "world", "tracking", "tracker"})
     rows->push_back({module, [module] { return killed(module); }, {}, false, true});
-  cases
-      .add("soft_object_dropped",
-           "kill -9 on the hand while it squeezes a flexible ball: live within 1 s, and the ball is squeezed again")
-      .push_back({"hand", [] { return soft_object_dropped(); }, {}, false, true});
+  rows = &cases.add(
+      "soft_object_dropped",
+      "kill -9 on the hand while it squeezes a flexible ball: live within 1 s, and the ball is squeezed again");
+  rows->push_back({"hand", [] { return soft_object_dropped("hand"); }, {}, false, true});
+  rows->push_back({"hand, world.soft = world", [] { return soft_object_dropped("world"); }, {}, false, true});
   cases.add("stopped", "SIGSTOP on the hand's process: after SIGCONT at most one catch-up step, and the hand follows")
       .push_back({"2 s", [] { return stopped(); }, {}, false, true});
   cases.add("starved", "two busy threads per core: each step is made or counted as missed")

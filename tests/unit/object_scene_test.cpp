@@ -94,7 +94,34 @@ TEST_F(ObjectScene, RefusesWhatAFlexibleObjectCannotHave) {
   EXPECT_NE(complaint(kBall + "floating = true\n").find("objects.ball.floating"), std::string::npos);
   EXPECT_NE(complaint(kBall + "orientation = [1, 1, 0, 0]\n").find("objects.ball.orientation"), std::string::npos);
   EXPECT_NE(complaint(kBall + kBall).find("objects.ball: the name is used twice"), std::string::npos);
-  EXPECT_NE(complaint("[world]\nsoft = \"world\"\n" + kBall).find("world.soft"), std::string::npos);
+  EXPECT_NE(complaint("[world]\nsoft = \"engine\"\n" + kBall).find("world.soft"), std::string::npos);
+}
+
+TEST_F(ObjectScene, ASpringThatWouldGrowOnASharedFlexibleObjectIsRefused) {
+  const auto reasons = [&](const std::string& world) {
+    const Scene scene = read_scene(write("[world]\nmode = \"symmetric\"\n" + world + kTable + kBall));
+    return check_soft_objects(scene.options.world, scene.soft_objects, 1 / scene.options.hand.rate_hz);
+  };
+  EXPECT_TRUE(reasons("stiffness = 5000\ndamping_ratio = 0\n").empty()) << "the hand owns it, there is no spring";
+  const auto refused = reasons("soft = \"world\"\nstiffness = 5000\ndamping_ratio = 0\n");
+  ASSERT_EQ(refused.size(), 1u);
+  EXPECT_NE(refused[0].find("world.stiffness = 5000: small deviations grow by a factor of"), std::string::npos);
+  EXPECT_NE(refused[0].find("on objects.ball (0.00"), std::string::npos) << refused[0];
+  const std::string offer = "The nearest value that works: ";
+  const std::size_t at = refused[0].find(offer);
+  if (at != std::string::npos) {
+    const double works = std::stod(refused[0].substr(at + offer.size()));
+    EXPECT_TRUE(
+        reasons("soft = \"world\"\nstiffness = " + std::to_string(0.99 * works) + "\ndamping_ratio = 0\n").empty());
+  } else {
+    EXPECT_NE(refused[0].find("No stiffness works"), std::string::npos);
+  }
+  const Scene scene =
+      read_scene(write("[world]\nmode = \"symmetric\"\nsoft = \"world\"\nstiffness = 5000\n"
+                       "damping_ratio = 0\n" +
+                       kTable + kBall));
+  EXPECT_THROW(WorldLoop(scene.options.world, scene.options.objects, 1.0 / 90, {}, scene.soft_objects),
+               std::invalid_argument);
 }
 
 TEST_F(ObjectScene, OneLinkHasTheNameOfItsEntry) {

@@ -1,0 +1,140 @@
+#include "hand/soft_mirror.hpp"
+
+#include <algorithm>
+#include <optional>
+#include <utility>
+
+#include "messages/age.hpp"
+#include "messages/convert.hpp"
+#include "messages/plausible.hpp"
+
+namespace softhand {
+
+SoftMirror::SoftMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric)
+    : simulation_(simulation), options_(options), symmetric_(symmetric), time_step_(1 / options.rate_hz) {
+  if (simulation.soft() != nullptr) objects_.resize(static_cast<std::size_t>(simulation.soft()->count()));
+  for (std::size_t i = 0; i < objects_.size(); ++i)
+    objects_[i].owned = !simulation.soft()->object(static_cast<int>(i)).is_shared;
+}
+
+std::uint64_t SoftMirror::take(Nanoseconds now, std::span<const SoftObjectState> copies) {
+  std::uint64_t refused = 0;
+  for (const SoftObjectState& copy : copies) {
+    const std::size_t number = copy.object - kFirstSoftObject;
+    if (number >= objects_.size() || !age_of(copy.stamp.sample_time, now) ||
+        !is_plausible(copy, simulation_.soft()->node_count(static_cast<int>(number)))) {
+      ++refused;
+      continue;
+    }
+    Object& object = objects_[number];
+    if (object.known && copy.stamp.sample_time <= object.copy.stamp.sample_time) continue;
+    object.copy = copy;
+    object.known = true;
+  }
+  return refused;
+}
+
+// Whether something may touch the object in this step: a hand, or an object that can move.
+bool SoftMirror::may_touch(int object) const {
+  constexpr double kSkinDistance = 0.03;  // m, of the skin from the joints
+  constexpr double kSteps = 3;            // so far ahead
+  const State& state = simulation_.state();
+  const SoftObjects::Ball ball = simulation_.soft()->ball(object, state);
+  const double speed = simulation_.soft()->fastest(object, state);
+  const auto is_near = [&](const Vector3& place, double radius, double other_speed) {
+    const double reach = options_.near_distance + kSteps * time_step_ * (speed + other_speed);
+    return (place - ball.centre).norm() < ball.radius + radius + reach;
+  };
+  for (int hand = 0; hand < simulation_.hand_count(); ++hand) {
+    for (std::size_t joint = 0; joint < kJointCount; ++joint) {
+      const auto name = static_cast<Joint>(joint);
+      if (is_near(simulation_.joint_pose(name, hand).position, kSkinDistance,
+                  simulation_.joint_velocity(name, hand).linear.norm()))
+        return true;
+    }
+  }
+  for (int slot = 0; slot < simulation_.slot_count(); ++slot)
+    if (!simulation_.slot_is_static(slot) && simulation_.slot_mode(slot) != SlotMode::empty) return true;
+  return false;
+}
+
+// Mode symmetric: the springs of the step that ends at `now`.
+void SoftMirror::pull(Nanoseconds now) {
+  constexpr double kStall = 0.1;  // s; an older copy does not pull
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    Object& object = objects_[i];
+    const int number = static_cast<int>(i);
+    if (!simulation_.soft()->object(number).is_shared) continue;
+    const std::optional<double> age =
+        object.known ? age_of(object.copy.stamp.sample_time, now) : std::optional<double>();
+    if (!age || *age > kStall) {
+      simulation_.let_go_soft_object(number);
+      continue;
+    }
+    if (!std::exchange(object.placed, true)) simulation_.place_soft_object(number, object.copy, *age - time_step_);
+    simulation_.pull_soft_object(number, object.copy);
+  }
+}
+
+void SoftMirror::begin_step(Nanoseconds now) {
+  if (symmetric_) {
+    pull(now);
+    return;
+  }
+  const Nanoseconds start = now - static_cast<Nanoseconds>(time_step_ * 1e9);
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    const Object& object = objects_[i];
+    if (object.owned) continue;
+    const int number = static_cast<int>(i);
+    if (!object.known) {
+      simulation_.restart_soft_object(number);
+      continue;
+    }
+    const double ahead = std::clamp(static_cast<double>(start - object.copy.stamp.sample_time) * 1e-9,
+                                    -options_.extrapolation_limit, options_.extrapolation_limit);
+    simulation_.place_soft_object(number, object.copy, ahead);
+  }
+  bool simulates = objects_.empty();
+  for (std::size_t i = 0; i < objects_.size() && !simulates; ++i)
+    simulates = objects_[i].owned || may_touch(static_cast<int>(i));
+  simulation_.simulate_soft_objects(simulates);
+}
+
+bool SoftMirror::touches(int object) const {
+  const SoftObjects& soft = *simulation_.soft();
+  if (soft.touches_hand(object)) return true;
+  if (soft.contacts() == nullptr) return false;
+  return std::ranges::any_of(soft.contacts()->anchors(), [&](const ContactSet::Anchor& anchor) {
+    const auto nodes = soft.contacts()->points().nodes(anchor.point);
+    return !nodes.empty() && nodes.front() >= soft.first_node(object) && nodes.front() < soft.first_node(object + 1) &&
+           simulation_.slot_mode(anchor.slot) == SlotMode::dynamic;
+  });
+}
+
+void SoftMirror::end_step() {
+  if (symmetric_) return;
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    Object& object = objects_[i];
+    const int number = static_cast<int>(i);
+    if (!simulation_.soft()->object(number).is_shared) continue;
+    if (touches(number)) {
+      object.owned = true;
+      object.untouched = 0;
+    } else if (object.owned) {
+      object.untouched += time_step_;
+      object.owned = object.untouched <= options_.release_time;
+    }
+  }
+}
+
+void SoftMirror::release(int object) {
+  Object& released = objects_[static_cast<std::size_t>(object)];
+  released.owned = !simulation_.soft()->object(object).is_shared;
+  released.known = released.placed = false;
+}
+
+void SoftMirror::release_all() {
+  for (std::size_t i = 0; i < objects_.size(); ++i) release(static_cast<int>(i));
+}
+
+}  // namespace softhand

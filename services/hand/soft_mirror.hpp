@@ -1,0 +1,67 @@
+// The flexible objects that the hand shares with the world (`world.soft` = "world", docs/soft-objects.md). This file
+// decides whether the hand or the world moves them.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "hand/hand_options.hpp"
+#include "messages/messages.hpp"
+#include "messages/plain_bytes.hpp"
+#include "scene/hand_simulation.hpp"
+
+namespace softhand {
+
+class SoftMirror {
+ public:
+  /// `symmetric`: springs couple shared objects with the world's copies, and nobody owns them. The arguments must
+  /// outlive this object.
+  SoftMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric);
+
+  /// Takes newer states of the world's copies. Returns how many of them are refused. A state is refused if it is from
+  /// the future, of an unknown object, or not plausible (messages/plausible.hpp).
+  std::uint64_t take(Nanoseconds now, std::span<const SoftObjectState> copies);
+  /// Before a step that ends at `now`: shared objects that the hand does not own are where the world has them. If a
+  /// hand may touch one, the step moves them as if the hand owned them. So the first touch is that of a free object.
+  void begin_step(Nanoseconds now);
+  /// After the step: the hand owns the objects that a hand, or an object that the hand owns, has touched within the
+  /// release time.
+  void end_step();
+  bool owns(int object) const { return objects_[static_cast<std::size_t>(object)].owned; }
+  /// The hand owns none, and does not know where the world has them.
+  void release_all();
+  void release(int object);
+  /// Copies the state of a mirror with the same objects.
+  void take_state(const SoftMirror& other) { objects_ = other.objects_; }
+
+  template <typename Self, typename Visit>
+  static void visit_members(Self& self, Visit&& visit) {
+    for (auto& object : self.objects_) {
+      visit(object.owned);
+      visit(object.untouched);
+      visit(object.known);
+      visit(object.placed);
+      visit(object.copy);
+    }
+  }
+
+ private:
+  struct Object {
+    bool owned = false;
+    double untouched = 0;  // s since the last touch of an owned object
+    bool known = false;    // `copy` is a state of the world
+    bool placed = false;   // mode symmetric: the nodes began where the world had them
+    SoftObjectState copy;  // the newest one
+  };
+  bool touches(int object) const;
+  bool may_touch(int object) const;
+  void pull(Nanoseconds now);
+
+  HandSimulation& simulation_;
+  const HandOptions& options_;
+  bool symmetric_;
+  double time_step_;
+  std::vector<Object> objects_;
+};
+
+}  // namespace softhand
