@@ -13,7 +13,8 @@ NodeCoupling::NodeCoupling(int first_node, const std::vector<double>& masses, do
   target_ = target_velocity_ = damped_ = Eigen::Matrix3Xd::Zero(3, static_cast<Eigen::Index>(shares_.size()));
 }
 
-void NodeCoupling::set_target(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3Xd& velocities) {
+void NodeCoupling::set_target(const Eigen::Ref<const Eigen::Matrix3Xd>& positions,
+                              const Eigen::Ref<const Eigen::Matrix3Xd>& velocities) {
   target_ = positions;
   target_velocity_ = velocities;
   is_on_ = true;

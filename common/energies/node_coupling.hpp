@@ -22,7 +22,8 @@ class NodeCoupling final : public Energy {
   NodeCoupling(int first_node, const std::vector<double>& masses, double stiffness, double damping_ratio);
 
   /// The copy in the next steps. `positions` and `velocities` have a column for each node of the object.
-  void set_target(const Eigen::Matrix3Xd& positions, const Eigen::Matrix3Xd& velocities);
+  void set_target(const Eigen::Ref<const Eigen::Matrix3Xd>& positions,
+                  const Eigen::Ref<const Eigen::Matrix3Xd>& velocities);
   void clear_target() { is_on_ = false; }
 
   std::string_view name() const override { return "node_coupling"; }

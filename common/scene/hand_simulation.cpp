@@ -114,6 +114,8 @@ HandSimulation::HandSimulation(const std::vector<HandModel>& hands, const Simula
                      terms_);
   }
   for (int i = 0; soft_ && i < soft_->count(); ++i) {
+    soft_positions_.resize(3, std::max<Eigen::Index>(soft_positions_.cols(), soft_->node_count(i)));
+    soft_velocities_.resize(3, soft_positions_.cols());
     soft_couplings_.push_back(nullptr);
     if (!soft_->object(i).is_shared || object_spring.linear_stiffness == 0) continue;
     // In mode symmetric gravity acts in the world alone.
@@ -527,11 +529,10 @@ void HandSimulation::restart_soft_object(int object) {
   stored_is_valid_ = false;
 }
 
-// Where `state` has the nodes of an object after `ahead` seconds, in `soft_positions_` and `soft_velocities_`.
+// Where `state` has the nodes of an object after `ahead` seconds: the first columns of `soft_positions_` and
+// `soft_velocities_`.
 void HandSimulation::read_soft_state(int object, const SoftObjectState& state, double ahead) {
   const Vector3 centre = to_vector(state.centre), velocity = to_vector(state.linear_velocity);
-  soft_positions_.resize(3, soft_->node_count(object));
-  soft_velocities_.resize(3, soft_->node_count(object));
   for (int n = 0; n < soft_->node_count(object); ++n) {
     const auto k = static_cast<std::size_t>(n);
     soft_velocities_.col(n) = velocity + to_vector(state.velocities[k]);
@@ -541,14 +542,17 @@ void HandSimulation::read_soft_state(int object, const SoftObjectState& state, d
 
 void HandSimulation::place_soft_object(int object, const SoftObjectState& state, double ahead) {
   read_soft_state(object, state, ahead);
-  state_.node_positions.middleCols(soft_->first_node(object), soft_->node_count(object)) = soft_positions_;
-  state_.node_velocities.middleCols(soft_->first_node(object), soft_->node_count(object)) = soft_velocities_;
+  const int first = soft_->first_node(object), nodes = soft_->node_count(object);
+  state_.node_positions.middleCols(first, nodes) = soft_positions_.leftCols(nodes);
+  state_.node_velocities.middleCols(first, nodes) = soft_velocities_.leftCols(nodes);
   stored_is_valid_ = false;
 }
 
 void HandSimulation::pull_soft_object(int object, const SoftObjectState& state) {
   read_soft_state(object, state, 0);
-  soft_couplings_[static_cast<std::size_t>(object)]->set_target(soft_positions_, soft_velocities_);
+  const int nodes = soft_->node_count(object);
+  soft_couplings_[static_cast<std::size_t>(object)]->set_target(soft_positions_.leftCols(nodes),
+                                                                soft_velocities_.leftCols(nodes));
 }
 
 void HandSimulation::let_go_soft_object(int object) {
