@@ -61,19 +61,19 @@ void NodeCoupling::add_hessian(const State&, BlockMatrix& hessian, Curvature) co
 }
 
 void NodeCoupling::end_step(State& state) {
-  stored_before_ = stored_;
-  stored_ = heat_ = 0;
+  stored_before_ = memory_.stored;
+  memory_.stored = heat_ = 0;
   if (!is_on_) return;
   for (std::size_t n = 0; n < shares_.size(); ++n) {
     const auto column = static_cast<Eigen::Index>(n);
     const Vector3 at = state.node_positions.col(first_ + column);
-    stored_ += 0.5 * shares_[n] * stiffness_ * (at - target_.col(column)).squaredNorm();
+    memory_.stored += 0.5 * shares_[n] * stiffness_ * (at - target_.col(column)).squaredNorm();
     heat_ += shares_[n] * damping_ / time_step_ * (at - damped_.col(column)).squaredNorm();
   }
 }
 
 EnergyFlow NodeCoupling::flow(double, double, double taken) const {
-  return {.stored = stored_, .work = stored_ - stored_before_ + heat_ - taken, .damping = heat_};
+  return {.stored = memory_.stored, .work = memory_.stored - stored_before_ + heat_ - taken, .damping = heat_};
 }
 
 }  // namespace softhand

@@ -12,19 +12,29 @@
 #include <string_view>
 #include <vector>
 
-#include "energies/energy.hpp"
+#include "energies/memory.hpp"
 
 namespace softhand {
 
-class NodeCoupling final : public Energy {
+class NodeCoupling final : public EnergyWithMemory<NodeCoupling> {
  public:
-  /// `masses`: of the nodes `first_node` and so on, kg. `stiffness` k in N/m. It is off until `set_target`.
+  /// `masses`: of the nodes `first_node` and so on, kg, > 0. `stiffness` k in N/m, >= 0. `damping_ratio` zeta, >= 0. It
+  /// is off until `set_target`.
   NodeCoupling(int first_node, const std::vector<double>& masses, double stiffness, double damping_ratio);
 
-  /// The copy in the next steps. `positions` and `velocities` have a column for each node of the object.
+  /// The copy in the next steps. `positions` (m) and `velocities` (m/s), world axes, have a column for each node of the
+  /// object.
   void set_target(const Eigen::Ref<const Eigen::Matrix3Xd>& positions,
                   const Eigen::Ref<const Eigen::Matrix3Xd>& velocities);
   void clear_target() { is_on_ = false; }
+
+  /// All that a step carries to the next one, for the ledger.
+  struct Memory {
+    double stored = 0;  // J, in the springs after the last step
+  };
+  const Memory& save() const { return memory_; }
+  void load(const Memory& memory) { memory_ = memory; }
+  void reset() { memory_ = {}; }
 
   std::string_view name() const override { return "node_coupling"; }
   void add_pattern(BlockPattern&) const override {}  // the diagonal is always there
@@ -47,8 +57,9 @@ class NodeCoupling final : public Energy {
   Eigen::Matrix3Xd target_, target_velocity_;
   // Of this step.
   double time_step_ = 0;
-  double stored_ = 0, stored_before_ = 0, heat_ = 0;  // J
-  Eigen::Matrix3Xd damped_;                           // x_0 + dt v_c
+  double stored_before_ = 0, heat_ = 0;  // J
+  Eigen::Matrix3Xd damped_;              // x_0 + dt v_c
+  Memory memory_;
   std::vector<BlockSlot> diagonal_;
 };
 

@@ -106,7 +106,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
     return output();
   }
   for (const SoftObjectState& copy : input.soft_objects)
-    if (copy.stamp.sample_time > reset_time_) counters_.refused_soft += soft_mirror_.take(now, {&copy, 1});
+    if (copy.stamp.sample_time > reset_time_ && !soft_mirror_.take(now, copy)) ++counters_.refused_soft;
   soft_mirror_.begin_step(now);
   mirror_.begin_step(now, settles(), input.other_hands);
   simulation_->pass_through(settles());

@@ -13,25 +13,17 @@ namespace softhand {
 SoftMirror::SoftMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric)
     : simulation_(simulation), options_(options), symmetric_(symmetric), time_step_(1 / options.rate_hz) {
   if (simulation.soft() != nullptr) objects_.resize(static_cast<std::size_t>(simulation.soft()->count()));
-  for (std::size_t i = 0; i < objects_.size(); ++i)
-    objects_[i].owned = !simulation.soft()->object(static_cast<int>(i)).is_shared;
+  release_all();
 }
 
-std::uint64_t SoftMirror::take(Nanoseconds now, std::span<const SoftObjectState> copies) {
-  std::uint64_t refused = 0;
-  for (const SoftObjectState& copy : copies) {
-    const std::size_t number = copy.object - kFirstSoftObject;
-    if (number >= objects_.size() || !age_of(copy.stamp.sample_time, now) ||
-        !is_plausible(copy, simulation_.soft()->node_count(static_cast<int>(number)))) {
-      ++refused;
-      continue;
-    }
-    Object& object = objects_[number];
-    if (object.known && copy.stamp.sample_time <= object.copy.stamp.sample_time) continue;
-    object.copy = copy;
-    object.known = true;
-  }
-  return refused;
+bool SoftMirror::take(Nanoseconds now, const SoftObjectState& copy) {
+  const std::size_t number = copy.object - kFirstSoftObject;
+  if (number >= objects_.size() || !age_of(copy.stamp.sample_time, now) ||
+      !is_plausible(copy, simulation_.soft()->node_count(static_cast<int>(number))))
+    return false;
+  Object& object = objects_[number];
+  if (copy.stamp.sample_time > object.copy.stamp.sample_time) object.copy = copy;
+  return true;
 }
 
 // Whether something may touch the object in this step: a hand, or an object that can move.
@@ -65,8 +57,7 @@ void SoftMirror::pull(Nanoseconds now) {
     Object& object = objects_[i];
     const int number = static_cast<int>(i);
     if (!simulation_.soft()->object(number).is_shared) continue;
-    const std::optional<double> age =
-        object.known ? age_of(object.copy.stamp.sample_time, now) : std::optional<double>();
+    const std::optional<double> age = age_of(object.copy.stamp.sample_time, now);
     if (!age || *age > kStall) {
       simulation_.let_go_soft_object(number);
       continue;
@@ -85,14 +76,9 @@ void SoftMirror::begin_step(Nanoseconds now) {
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     const Object& object = objects_[i];
     if (object.owned) continue;
-    const int number = static_cast<int>(i);
-    if (!object.known) {
-      simulation_.restart_soft_object(number);
-      continue;
-    }
     const double ahead = std::clamp(static_cast<double>(start - object.copy.stamp.sample_time) * 1e-9,
                                     -options_.extrapolation_limit, options_.extrapolation_limit);
-    simulation_.place_soft_object(number, object.copy, ahead);
+    simulation_.place_soft_object(static_cast<int>(i), object.copy, ahead);
   }
   bool simulates = objects_.empty();
   for (std::size_t i = 0; i < objects_.size() && !simulates; ++i)
@@ -128,9 +114,18 @@ void SoftMirror::end_step() {
 }
 
 void SoftMirror::release(int object) {
+  const SoftObjects& soft = *simulation_.soft();
   Object& released = objects_[static_cast<std::size_t>(object)];
-  released.owned = !simulation_.soft()->object(object).is_shared;
-  released.known = released.placed = false;
+  released.owned = !soft.object(object).is_shared;
+  released.placed = false;
+  SoftObjectState& copy = released.copy;
+  copy = {};
+  const Vector3 centre = soft.object(object).pose.position;
+  copy.centre = to_wire(centre);
+  for (int n = soft.first_node(object); n < soft.first_node(object + 1); ++n) {
+    copy.nodes.push_back(to_floats(soft.start_positions().col(n) - centre));
+    copy.velocities.push_back({});
+  }
 }
 
 void SoftMirror::release_all() {

@@ -2,7 +2,6 @@
 // decides whether the hand or the world moves them.
 #pragma once
 
-#include <span>
 #include <vector>
 
 #include "hand/hand_options.hpp"
@@ -18,9 +17,9 @@ class SoftMirror {
   /// outlive this object.
   SoftMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric);
 
-  /// Takes newer states of the world's copies. Returns how many of them are refused. A state is refused if it is from
-  /// the future, of an unknown object, or not plausible (messages/plausible.hpp).
-  std::uint64_t take(Nanoseconds now, std::span<const SoftObjectState> copies);
+  /// Takes a state of a world's copy, if it is newer than the last one. Returns false if it is from the future, of an
+  /// unknown object, or not plausible (messages/plausible.hpp).
+  bool take(Nanoseconds now, const SoftObjectState& copy);
   /// Before a step that ends at `now`: shared objects that the hand does not own are where the world has them. If a
   /// hand may touch one, the step moves them as if the hand owned them. So the first touch is that of a free object.
   void begin_step(Nanoseconds now);
@@ -28,7 +27,7 @@ class SoftMirror {
   /// release time.
   void end_step();
   bool owns(int object) const { return objects_[static_cast<std::size_t>(object)].owned; }
-  /// The hand owns none, and does not know where the world has them.
+  /// The hand owns none. They are where the scene has them, until a state of the world comes.
   void release_all();
   void release(int object);
   /// Copies the state of a mirror with the same objects.
@@ -39,7 +38,6 @@ class SoftMirror {
     for (auto& object : self.objects_) {
       visit(object.owned);
       visit(object.untouched);
-      visit(object.known);
       visit(object.placed);
       visit(object.copy);
     }
@@ -49,9 +47,8 @@ class SoftMirror {
   struct Object {
     bool owned = false;
     double untouched = 0;  // s since the last touch of an owned object
-    bool known = false;    // `copy` is a state of the world
     bool placed = false;   // mode symmetric: the nodes began where the world had them
-    SoftObjectState copy;  // the newest one
+    SoftObjectState copy;  // the world's newest one; with the time 0 it is that of the scene
   };
   bool touches(int object) const;
   bool may_touch(int object) const;

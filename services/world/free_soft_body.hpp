@@ -52,7 +52,8 @@ class FreeSoftBody {
   bool step(double dt);
   const Eigen::Matrix3Xd& positions() const { return state_.node_positions; }
   const Eigen::Matrix3Xd& velocities() const { return state_.node_velocities; }
-  int contact_count() const { return contacts_.count(); }
+  /// Number of inverted tetrahedra.
+  int inverted_elements() const { return tissue_.inverted_elements(state_); }
 
  private:
   TissueModel model_;

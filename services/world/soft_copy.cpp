@@ -66,8 +66,8 @@ std::array<Part, 2> halves_of(const SoftBody& body, const Part& part) {
   return {part_of(body, {sorted.begin(), middle}), part_of(body, {middle, sorted.end()})};
 }
 
-}  // namespace
-
+// Nodes of parts of the body, by part. The convex hulls of all parts together are larger than the body by at most
+// kMostExcess of its volume, unless kMostParts are not enough for this.
 std::vector<std::vector<std::int32_t>> convex_parts(const SoftBody& body) {
   std::vector<Part> parts{part_of(body, body.tetrahedra)};
   const double volume = hull_solid(body.nodes).volume - parts[0].excess;
@@ -86,6 +86,8 @@ std::vector<std::vector<std::int32_t>> convex_parts(const SoftBody& body) {
   for (Part& each : parts) result.push_back(std::move(each.nodes));
   return result;
 }
+
+}  // namespace
 
 SoftCopy::SoftCopy(const SoftObject& object, int obstacles, const NodeSpring& spring)
     : name_(object.name),
@@ -247,7 +249,8 @@ bool SoftCopy::write_state(Nanoseconds now, SoftObjectState& out) {
   out.linear_velocity = known_.state_velocity;
   out.hand_force = known_.hand_force;
   out.contact_count = known_.contact_count;
-  out.inverted_elements = known_.inverted_elements;
+  out.inverted_elements =
+      known_.is_free ? static_cast<std::uint32_t>(body_->inverted_elements()) : known_.inverted_elements;
   out.nodes.clear();
   out.velocities.clear();
   for (const auto& node : known_.state_offsets) out.nodes.push_back(node);

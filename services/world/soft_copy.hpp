@@ -19,10 +19,6 @@
 
 namespace softhand {
 
-/// Nodes of parts of the body, by part. The convex hulls of all parts together are larger than the body by at most 5 %
-/// of its volume, unless 64 parts are not enough for this.
-std::vector<std::vector<std::int32_t>> convex_parts(const SoftBody& body);
-
 class SoftCopy {
  public:
   using Offsets = std::vector<std::array<float, 3>>;  // by node, relative to the centre

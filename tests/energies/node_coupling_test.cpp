@@ -9,6 +9,7 @@
 #include "energies/dense_step.hpp"
 #include "energies/derivative_suite.hpp"
 #include "energies/inertia.hpp"
+#include "energies/memory_suite.hpp"
 
 namespace softhand::node_coupling_test {
 namespace {
@@ -31,6 +32,20 @@ TEST(NodeCoupling, IsOffWithoutATarget) {
   EXPECT_GT(coupling.value(state), 0);
   coupling.clear_target();
   EXPECT_EQ(coupling.value(state), 0);
+}
+
+TEST(NodeCoupling, MemoryRepeatsTheBitsAndTheLedgerCloses) {
+  NodeCoupling coupling(0, kMasses, 6, 0.3);
+  Inertia inertia(kMasses, 0);
+  State state = testing::random_state({3, 0}, 1);
+  coupling.set_target(state.node_positions.array() + 0.01, Eigen::Matrix3Xd::Zero(3, 3));
+  testing::DenseStepper stepper({&inertia, &coupling}, state);
+  testing::check_memory(coupling, state, [&](State& s) { stepper.step(s, 0.01); });
+  const double before = coupling.save().stored;
+  stepper.step(state, 0.01);
+  const EnergyFlow flow = coupling.flow(0, 0, 0.25);
+  EXPECT_GT(flow.damping, 0);
+  EXPECT_NEAR(before + flow.work + 0.25, flow.stored + flow.damping, 1e-15);
 }
 
 // All nodes have the frequency of the whole object, whatever their masses. With critical damping and a step that is

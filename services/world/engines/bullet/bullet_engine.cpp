@@ -232,11 +232,8 @@ class BulletEngine final : public PhysicsEngine {
       joints_[number].reset();
       add_joint(number, joint);
     }
-    for (const auto& copy : copies_) {
-      if (!copy) continue;
-      bullet_->configuration.setConvexConvexMultipointIterations();
-      add_body(*copy);
-    }
+    for (const auto& copy : copies_)
+      if (copy) add_body(*copy);
     wake_all();
   }
 
@@ -296,7 +293,6 @@ class BulletEngine final : public PhysicsEngine {
   double coordinate(std::size_t number) const override { return joints_[number]->joint().coordinate; }
 
   void add_copy(std::size_t number, const EngineCopy& copy) override {
-    bullet_->configuration.setConvexConvexMultipointIterations();
     copies_[number] = std::make_unique<BulletCopy>(copy);
     add_body(*copies_[number]);
   }
@@ -448,6 +444,8 @@ class BulletEngine final : public PhysicsEngine {
 
   /// Adds the body of a flexible object's copy, hidden.
   void add_body(BulletCopy& copy) {
+    // A deformation drops all contact points, so a body needs several in its first step.
+    bullet_->configuration.setConvexConvexMultipointIterations();
     btRigidBody::btRigidBodyConstructionInfo info(0, nullptr, &copy.shape);
     info.m_friction = copy.friction;
     info.m_restitution = 0;
