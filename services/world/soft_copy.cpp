@@ -66,8 +66,8 @@ std::array<Part, 2> halves_of(const SoftBody& body, const Part& part) {
   return {part_of(body, {sorted.begin(), middle}), part_of(body, {middle, sorted.end()})};
 }
 
-// Nodes of parts of the body, by part. The convex hulls of all parts together are larger than the body by at most
-// kMostExcess of its volume, unless kMostParts are not enough for this.
+// Nodes of parts of the body, by part. There are as many parts as are needed, at most kMostParts. Then their convex
+// hulls have no more volume than the body and kMostExcess of it.
 std::vector<std::vector<std::int32_t>> convex_parts(const SoftBody& body) {
   std::vector<Part> parts{part_of(body, body.tetrahedra)};
   const double volume = hull_solid(body.nodes).volume - parts[0].excess;
@@ -97,8 +97,8 @@ SoftCopy::SoftCopy(const SoftObject& object, int obstacles, const NodeSpring& sp
       parts_(convex_parts(*object.body)),
       friction_(object.body->friction) {
   for (const Vector3& node : object.body->nodes) start_.push_back(to_floats(pose_.orientation * node));
-  moved_ = known_.state_offsets = known_.state_velocities = known_.offsets = known_.left = start_;
-  known_.twin_offsets = known_.twin_velocities = start_;
+  moved_ = known_.last.offsets = known_.last.velocities = known_.offsets = known_.left = start_;
+  known_.twin.offsets = known_.twin.velocities = start_;
   if (!is_shared_) return;
   body_ = std::make_unique<FreeSoftBody>(object, obstacles, spring);
   positions_ = body_->positions();
@@ -109,68 +109,61 @@ SoftCopy::SoftCopy(const SoftObject& object, int obstacles, const NodeSpring& sp
 void SoftCopy::restart() {
   known_.is_there = true;
   known_.owned = known_.is_free = known_.sleeps = false;
-  known_.state_centre = to_wire(pose_.position);
-  known_.state_offsets = start_;
-  known_.state_velocity = known_.hand_force = {};
-  std::ranges::fill(known_.state_velocities, std::array<float, 3>{});
+  known_.last.centre = to_wire(pose_.position);
+  known_.last.offsets = start_;
+  known_.last.velocity = known_.hand_force = {};
+  std::ranges::fill(known_.last.velocities, std::array<float, 3>{});
   known_.contact_count = known_.inverted_elements = 0;
-  known_.started_at = known_.written_at = known_.twin_time = 0;
+  known_.started_at = known_.written_at = known_.twin.time = 0;
 }
 
 bool SoftCopy::take(const SoftObjectState& state) {
   if (!is_plausible(state, static_cast<int>(start_.size()))) return false;
   if (is_shared_ && (known_.started_at == 0 || state.stamp.sample_time - known_.started_at < kHoldoff)) return true;
   if (has_spring_) {
-    if (state.stamp.sample_time <= known_.twin_time) return true;
-    known_.twin_time = state.stamp.sample_time;
-    known_.twin_centre = state.centre;
-    known_.twin_velocity = state.linear_velocity;
-    std::copy(state.nodes.begin(), state.nodes.end(), known_.twin_offsets.begin());
-    std::copy(state.velocities.begin(), state.velocities.end(), known_.twin_velocities.begin());
-    known_.hand_force = state.hand_force;
-    known_.contact_count = state.contact_count;
+    if (state.stamp.sample_time > known_.twin.time) read(state, known_.twin);
     return true;
   }
   if (is_shared_ && state.owned == 0) {
     known_.owned = false;
     return true;
   }
-  if (known_.is_there && !known_.is_free && state.stamp.sample_time <= known_.time) return true;
+  if (known_.is_there && !known_.is_free && state.stamp.sample_time <= known_.last.time) return true;
   known_.is_there = true;
   known_.owned = true;
-  known_.time = state.stamp.sample_time;
-  known_.state_centre = state.centre;
-  known_.state_velocity = state.linear_velocity;
-  std::copy(state.nodes.begin(), state.nodes.end(), known_.state_offsets.begin());
-  std::copy(state.velocities.begin(), state.velocities.end(), known_.state_velocities.begin());
-  known_.hand_force = state.hand_force;
-  known_.contact_count = state.contact_count;
-  known_.inverted_elements = state.inverted_elements;
+  read(state, known_.last);
   return true;
 }
 
-void SoftCopy::start_free() {
+void SoftCopy::read(const SoftObjectState& state, Nodes& nodes) {
+  nodes.time = state.stamp.sample_time;
+  nodes.centre = state.centre;
+  nodes.velocity = state.linear_velocity;
+  std::copy(state.nodes.begin(), state.nodes.end(), nodes.offsets.begin());
+  std::copy(state.velocities.begin(), state.velocities.end(), nodes.velocities.begin());
+  known_.hand_force = state.hand_force;
+  known_.contact_count = state.contact_count;
+  known_.inverted_elements = state.inverted_elements;
+}
+
+// Writes the nodes, in world axes, to `positions_` and `velocities_`.
+void SoftCopy::scatter(const Nodes& nodes) {
   for (std::size_t node = 0; node < start_.size(); ++node) {
     const auto column = static_cast<Eigen::Index>(node);
-    positions_.col(column) = to_vector(known_.state_centre) + to_vector(known_.state_offsets[node]);
-    velocities_.col(column) = to_vector(known_.state_velocity) + to_vector(known_.state_velocities[node]);
+    positions_.col(column) = to_vector(nodes.centre) + to_vector(nodes.offsets[node]);
+    velocities_.col(column) = to_vector(nodes.velocity) + to_vector(nodes.velocities[node]);
   }
-  body_->start(positions_, velocities_);
 }
 
 // The spring of mode symmetric. It pulls to where the hand's nodes were: nodes that go on with stale velocities make
 // the springs grow faster.
 void SoftCopy::pull(Nanoseconds now, double stall) {
-  const std::optional<double> age = known_.twin_time == 0 ? std::nullopt : age_of(known_.twin_time, now);
+  const std::optional<double> age = known_.twin.time == 0 ? std::nullopt : age_of(known_.twin.time, now);
   if (!age || *age > stall) {
     body_->let_go();
     return;
   }
-  for (std::size_t node = 0; node < start_.size(); ++node) {
-    const auto column = static_cast<Eigen::Index>(node);
-    velocities_.col(column) = to_vector(known_.twin_velocity) + to_vector(known_.twin_velocities[node]);
-    positions_.col(column) = to_vector(known_.twin_centre) + to_vector(known_.twin_offsets[node]);
-  }
+  scatter(known_.twin);
   body_->pull_to(positions_, velocities_);
 }
 
@@ -178,7 +171,7 @@ bool SoftCopy::simulate(Nanoseconds now, double dt, double vanished, double stal
                         std::span<const Obstacle> obstacles) {
   if (!is_shared_) return true;
   if (known_.started_at == 0) known_.started_at = now;
-  if (known_.owned && age_of(known_.time, now).value_or(0) > vanished) known_.owned = false;
+  if (known_.owned && age_of(known_.last.time, now).value_or(0) > vanished) known_.owned = false;
   if (known_.owned) {
     known_.is_free = known_.sleeps = false;
     return true;
@@ -188,14 +181,15 @@ bool SoftCopy::simulate(Nanoseconds now, double dt, double vanished, double stal
     known_.contact_count = 0;
   }
   if (known_.sleeps) {
-    known_.time = now;
+    known_.last.time = now;
     return true;
   }
   if (!std::exchange(known_.is_free, true)) {
-    start_free();
+    scatter(known_.last);
+    body_->start(positions_, velocities_);
     known_.left_at = now;
-    known_.left_centre = known_.state_centre;
-    known_.left = known_.state_offsets;
+    known_.left_centre = known_.last.centre;
+    known_.left = known_.last.offsets;
   }
   if (has_spring_) pull(now, stall);
   for (std::size_t k = 0; k < obstacles.size(); ++k) body_->set_obstacle(static_cast<int>(k), obstacles[k]);
@@ -213,27 +207,27 @@ bool SoftCopy::simulate(Nanoseconds now, double dt, double vanished, double stal
   }
   centre /= mass;
   velocity /= mass;
-  known_.time = now;
-  known_.state_centre = to_wire(centre);
-  known_.state_velocity = to_wire(velocity);
+  known_.last.time = now;
+  known_.last.centre = to_wire(centre);
+  known_.last.velocity = to_wire(velocity);
   const Vector3 shift = centre - to_vector(known_.left_centre);
   double farthest = 0;
   for (std::size_t node = 0; node < start_.size(); ++node) {
     const auto column = static_cast<Eigen::Index>(node);
-    known_.state_offsets[node] = to_floats(body_->positions().col(column) - centre);
-    known_.state_velocities[node] = to_floats(body_->velocities().col(column) - velocity);
-    const Vector3 moved = shift + to_vector(known_.state_offsets[node]) - to_vector(known_.left[node]);
+    known_.last.offsets[node] = to_floats(body_->positions().col(column) - centre);
+    known_.last.velocities[node] = to_floats(body_->velocities().col(column) - velocity);
+    const Vector3 moved = shift + to_vector(known_.last.offsets[node]) - to_vector(known_.left[node]);
     farthest = std::max(farthest, moved.norm());
   }
   if (farthest > kStays || has_spring_) {
     known_.left_at = now;
-    known_.left_centre = known_.state_centre;
-    known_.left = known_.state_offsets;
+    known_.left_centre = known_.last.centre;
+    known_.left = known_.last.offsets;
   } else if (age_of(known_.left_at, now).value_or(0) > kUntilRest) {
     known_.is_free = false;
     known_.sleeps = true;
-    known_.state_velocity = {};
-    std::ranges::fill(known_.state_velocities, std::array<float, 3>{});
+    known_.last.velocity = {};
+    std::ranges::fill(known_.last.velocities, std::array<float, 3>{});
   }
   return true;
 }
@@ -243,30 +237,30 @@ bool SoftCopy::write_state(Nanoseconds now, SoftObjectState& out) {
   const double since = age_of(known_.written_at, now).value_or(0);
   if (known_.written_at != 0 && since < (known_.sleeps ? kRestPeriod : kPeriod)) return false;
   known_.written_at = now;
-  out.stamp.sample_time = known_.owned ? known_.time : now;
+  out.stamp.sample_time = known_.owned ? known_.last.time : now;
   out.owned = known_.owned ? 1 : 0;
-  out.centre = known_.state_centre;
-  out.linear_velocity = known_.state_velocity;
+  out.centre = known_.last.centre;
+  out.linear_velocity = known_.last.velocity;
   out.hand_force = known_.hand_force;
   out.contact_count = known_.contact_count;
   out.inverted_elements =
       known_.is_free ? static_cast<std::uint32_t>(body_->inverted_elements()) : known_.inverted_elements;
   out.nodes.clear();
   out.velocities.clear();
-  for (const auto& node : known_.state_offsets) out.nodes.push_back(node);
-  for (const auto& node : known_.state_velocities) out.velocities.push_back(node);
+  for (const auto& node : known_.last.offsets) out.nodes.push_back(node);
+  for (const auto& node : known_.last.velocities) out.velocities.push_back(node);
   return true;
 }
 
 SoftCopy::Change SoftCopy::move(Nanoseconds now, double most_ahead, double stall) {
-  const double age = age_of(known_.time, now).value_or(0);
+  const double age = age_of(known_.last.time, now).value_or(0);
   const double ahead = std::min(age, most_ahead);
-  const Vector3 centre = to_vector(known_.state_centre) + ahead * to_vector(known_.state_velocity);
+  const Vector3 centre = to_vector(known_.last.centre) + ahead * to_vector(known_.last.velocity);
   const Vector3 shift = centre - to_vector(known_.centre);
   double farthest = 0;
   for (std::size_t node = 0; node < moved_.size(); ++node) {
     for (std::size_t k = 0; k < 3; ++k)
-      moved_[node][k] = known_.state_offsets[node][k] + static_cast<float>(ahead) * known_.state_velocities[node][k];
+      moved_[node][k] = known_.last.offsets[node][k] + static_cast<float>(ahead) * known_.last.velocities[node][k];
     const Vector3 to_new = shift + to_vector(moved_[node]) - to_vector(known_.offsets[node]);
     farthest = std::max(farthest, to_new.squaredNorm());
   }
@@ -278,18 +272,20 @@ SoftCopy::Change SoftCopy::move(Nanoseconds now, double most_ahead, double stall
   }
   known_.rests = false;
   known_.centre = to_wire(centre);
-  known_.velocity = age > stall ? Vec3{} : known_.state_velocity;
+  known_.velocity = age > stall ? Vec3{} : known_.last.velocity;
   known_.offsets = moved_;
   return Change::moved;
 }
 
 void SoftCopy::put_into(PhysicsEngine& engine, std::size_t number) {
-  for (const Offsets* each : {&known_.state_offsets, &known_.state_velocities, &known_.offsets, &known_.left,
-                              &known_.twin_offsets, &known_.twin_velocities})
+  for (const Offsets* each : {&known_.last.offsets, &known_.last.velocities, &known_.offsets, &known_.left,
+                              &known_.twin.offsets, &known_.twin.velocities})
     if (each->size() != start_.size())
       throw std::runtime_error("the saved state has a flexible object with another number of nodes");
   if (known_.is_there) place(engine, number);
-  if (known_.is_free) start_free();
+  if (!known_.is_free) return;
+  scatter(known_.last);
+  body_->start(positions_, velocities_);
 }
 
 void SoftCopy::place(PhysicsEngine& engine, std::size_t number) const {

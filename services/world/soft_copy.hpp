@@ -64,20 +64,20 @@ class SoftCopy {
   /// changed.
   bool write_state(Nanoseconds now, SoftObjectState& out);
 
+  /// The nodes of an object at a time.
+  struct Nodes {
+    Nanoseconds time = 0;
+    Vec3 centre{}, velocity{};    // m, m/s, world
+    Offsets offsets, velocities;  // relative to these
+  };
   /// All that a step carries to the next one.
   struct Known {
     bool is_there = false;
     bool owned = false;    // by a hand
     bool is_free = false;  // the world simulates it
     bool sleeps = false;   // it would, but it rests
-    // The last state, of the hand or of the world.
-    Nanoseconds time = 0;
-    Vec3 state_centre{}, state_velocity{};
-    Offsets state_offsets, state_velocities;
-    // With a spring: the hand's last state.
-    Nanoseconds twin_time = 0;
-    Vec3 twin_centre{}, twin_velocity{};
-    Offsets twin_offsets, twin_velocities;
+    Nodes last;            // the last state, of the hand or of the world
+    Nodes twin;            // with a spring: the last state of the hand
     // The engine's body.
     bool rests = false;
     Vec3 centre{}, velocity{};
@@ -100,7 +100,8 @@ class SoftCopy {
   void put_into(PhysicsEngine& engine, std::size_t number);
 
  private:
-  void start_free();
+  void read(const SoftObjectState& state, Nodes& nodes);
+  void scatter(const Nodes& nodes);
   void pull(Nanoseconds now, double stall);
 
   std::string name_;

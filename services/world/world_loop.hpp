@@ -99,7 +99,7 @@ class WorldLoop {
   /// - `object.reset` NAME or *: back to the place in the scene, at rest. A removed object returns. Objects that joints
   ///   connect to it are reset too. NAME may be that of a flexible object.
   ///
-  /// - `object.remove` NAME removes its joints, too.
+  /// - `object.remove` NAME removes its joints, too. The object can return by a reset.
   ///
   /// - `object.teleport` NAME X Y Z gives the place of the shape's frame in m. The object is at rest there, and its
   ///   orientation is unchanged. Objects that joints connect to it move along. An object that is jointed to a static
@@ -119,6 +119,9 @@ class WorldLoop {
   double joint_gap(std::string_view name) const;
 
  private:
+  static constexpr double kMotionStall = 0.100;  // s; older velocities are ignored
+  static constexpr double kVanished = 0.500;     // s; an older owner has vanished
+
   struct Object {
     ObjectOptions options;
     Solid solid;
@@ -174,9 +177,11 @@ class WorldLoop {
   void meet_hands(Nanoseconds now, const WorldInput& input);
   bool is_new(const HandKey& hand, Nanoseconds now) const;
   void follow(std::size_t slot, Nanoseconds now, const WorldInput& input);
+  void add_copies(const std::vector<SoftObject>& soft_objects);
   void find_obstacles();
   void move_copies(Nanoseconds now, const WorldInput& input);
   void restart_copy(std::size_t number);
+  void publish_copies(Nanoseconds now);
   void publish(Nanoseconds now);
   void find_planes(std::size_t slot);
   void find_plane(std::size_t slot, std::size_t piece, std::size_t other, std::size_t other_piece, double range);
