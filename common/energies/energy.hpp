@@ -37,8 +37,8 @@ class Energy {
   /// True if the term depends only on positions and poses, not on values fixed in `begin_step`. Then its value at the
   /// end of one step equals its value at the start of the next.
   virtual bool is_potential() const { return false; }
-  /// For a potential: it depends on the poses of this many bodies, the first ones of the state. 0: only on node
-  /// positions. The default is right for every potential. A smaller number saves evaluations.
+  /// Within a step, the term depends on the poses of this many bodies, the first ones of the state. 0: only on node
+  /// positions. The default is right for every term. A smaller number saves evaluations.
   virtual int needed_bodies() const { return std::numeric_limits<int>::max(); }
   /// Adds every block that `add_hessian` can ever touch to the pattern.
   virtual void add_pattern(BlockPattern& pattern) const = 0;

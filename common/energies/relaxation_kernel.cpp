@@ -15,7 +15,7 @@ RelaxationKernel relaxation_kernel(InstructionSet set) {
   if (set == InstructionSet::avx512) return relaxation_kernel_avx512();
 #endif
   static_cast<void>(set);
-  return {relaxation_begin, relaxation_energy, relaxation_end};
+  return {relaxation_begin, relaxation_end};
 }
 
 }  // namespace softhand

@@ -1,50 +1,58 @@
-// Energy, forces and stiffness of the Prony branches of tetrahedra, in parallel lanes. One source
+// The step of the Prony branches of tetrahedra (relaxing_tissue.hpp), in parallel lanes. One source
 // (relaxation_kernel_source.hpp) is compiled for each instruction set. All sets give the same bits (tissue_kernel.hpp).
 #pragma once
 
 #include <cstddef>
 
-#include "energies/element_batch.hpp"
-#include "math/instruction_set.hpp"
+#include "energies/tissue_kernel.hpp"
 
 namespace softhand {
 
 inline constexpr std::size_t kRelaxationBranches = 3;
-/// Sixteen values for each component of a symmetric tensor: xx, yy, zz, yz, zx, xy.
-using StrainBatch = double[6][kElementBatch];
+/// Sixteen values for each entry of a symmetric tensor: xx, yy, zz, yz, zx, xy.
+using TensorBatch = double[6][kElementBatch];
 
-struct RelaxationBatch : ElementBatch {
-  alignas(64) double stiffness[kRelaxationBranches][kElementBatch];  ///< V mu w, J; 0 in lanes without an element
-  // Within a step: U = K E:E + 2 M:E + C.
-  double quadratic[kElementBatch];  ///< K, J
-  StrainBatch linear;               ///< M, J
-  double constant[kElementBatch];   ///< C, J
-  StrainBatch start;                ///< E_0
+/// The branches of a batch of tissue.
+struct alignas(64) RelaxationBatch {
+  double weight[kRelaxationBranches][kElementBatch];  ///< c
+  // Within a step: U = V gamma W(F) + V A : E + C.
+  double volume[kElementBatch];    ///< V gamma, m^3
+  TensorBatch stress;              ///< V A, J
+  double constant[kElementBatch];  ///< C, J
+  TensorBatch elastic_stress;      ///< S_e at the start of the step, Pa
+
+  /// Copies the step of an element.
+  void copy_step(std::size_t lane, const RelaxationBatch& from, std::size_t from_lane) {
+    volume[lane] = from.volume[from_lane];
+    for (std::size_t k = 0; k < 6; ++k) stress[k][lane] = from.stress[k][from_lane];
+    constant[lane] = from.constant[from_lane];
+  }
 };
 
-/// Numbers of h for sixteen elements: by branch, component and lane.
-inline constexpr std::size_t kSpringBatch = kRelaxationBranches * 6 * kElementBatch;
+/// Numbers of d for sixteen elements: by branch, entry and lane.
+inline constexpr std::size_t kMemoryBatch = kRelaxationBranches * 6 * kElementBatch;
 
 /// Of a branch in a step.
 struct RelaxationDecay {
   double kept = 1;   ///< e^-a
-  double taken = 1;  ///< g
-  /// The heat of the damper is V mu w times the sum of these products with |h|^2, h:(E - E_0) and |E - E_0|^2.
-  double heat[3] = {0, 0, 0};
+  double late = 0;   ///< 1 - g
+  double early = 0;  ///< g - e^-a
 };
 
-/// `positions`: three per node, metres. `springs`: `kSpringBatch` numbers per batch.
+/// Sums over elements, J.
+struct RelaxationSums {
+  double value = 0;   ///< of the step's function at its end
+  double stored = 0;  ///< by the lasting stress
+};
+
+/// `positions`: three per node, metres. `memory`: `kMemoryBatch` numbers per batch.
 struct RelaxationKernel {
   /// Sets the function of a step that begins at `positions`.
-  void (*begin)(RelaxationBatch* batches, std::size_t count, const double* springs, const double* positions,
-                const RelaxationDecay (&decay)[kRelaxationBranches]);
-  /// Returns the energy, J.
-  double (*energy)(const RelaxationBatch* batches, std::size_t count, const double* positions,
-                   const ElementOutput& output);
-  /// Moves the springs to the step's end. Sets the function of a next step that begins there and lasts as long. Adds
-  /// what the springs store then, and the heat of the dampers, J.
-  void (*end)(RelaxationBatch* batches, std::size_t count, double* springs, const double* positions,
-              const RelaxationDecay (&decay)[kRelaxationBranches], double& stored, double& heat);
+  void (*begin)(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, const double* memory,
+                const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]);
+  /// Moves the memory to the step's end. Sets the function of a next step that begins there and lasts as long.
+  RelaxationSums (*end)(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, double* memory,
+                        const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]);
 };
 
 /// The kernel for `set`. If this build has none (other architecture), the baseline's kernel.

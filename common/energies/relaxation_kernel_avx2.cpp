@@ -5,7 +5,7 @@
 namespace softhand {
 
 RelaxationKernel relaxation_kernel_avx2();
-RelaxationKernel relaxation_kernel_avx2() { return {relaxation_begin, relaxation_energy, relaxation_end}; }
+RelaxationKernel relaxation_kernel_avx2() { return {relaxation_begin, relaxation_end}; }
 
 }  // namespace softhand
 #endif

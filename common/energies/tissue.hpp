@@ -8,11 +8,7 @@
 // is node n of the state. The integral is over the reference volume (eq. 21). The four gradients b_a sum to zero, so
 // six 3x3 blocks of the element's Hessian determine the other four.
 //
-// Elements are evaluated in parallel lanes (tissue_kernel.hpp). The result has the same bits for every instruction set,
-// for one thread or two, and in each run. For this, a plane cuts the hand into two halves without common nodes. The
-// elements that the plane crosses lie between the halves. The sum runs over the first half, the second half and the
-// crossed elements, each in the order of the hand's file. The nodes of an element are sorted, so its ten blocks lie in
-// the lower triangle and no block is transposed on scatter. F does not depend on the order of the nodes.
+// Tissue of materials that relax is a term of its own (relaxing_tissue.hpp).
 #pragma once
 
 #include <array>
@@ -21,9 +17,8 @@
 
 #include "energies/corotational.hpp"
 #include "energies/energy.hpp"
-#include "energies/tissue_kernel.hpp"
-#include "math/helper_thread.hpp"
-#include "model/tissue_model.hpp"
+#include "energies/relaxing_tissue.hpp"
+#include "energies/tissue_elements.hpp"
 
 namespace softhand {
 
@@ -31,21 +26,23 @@ class Tissue final : public Energy {
  public:
   /// Uses nodes, tetrahedra and their materials. Throws std::invalid_argument with the element's number if a
   /// tetrahedron has no volume, or if a node, material or constant is out of range. The processor must support `set`.
-  /// `name`: of the term, a literal.
+  /// `name`: of the term, a literal. `relaxation`: the energy leaves out the tetrahedra of materials that relax.
   explicit Tissue(const TissueModel& model, InstructionSet set = widest_instruction_set(),
-                  std::string_view name = "tissue");
+                  std::string_view name = "tissue", const PronySeries& relaxation = {});
   /// From now on `add_all` computes the axes and products of the Hessian in float, for a solver that factorises in
   /// float. Energy and gradient do not change.
-  void use_single_hessian() { single_hessian_ = true; }
+  void use_single_hessian() { elements_.use_single_hessian(); }
   /// From now on `helper` evaluates the second half of the elements. It must outlive this object.
-  void use(HelperThread& helper) { helper_ = &helper; }
+  void use(HelperThread& helper) { elements_.use(helper); }
 
-  int element_count() const { return element_count_; }
   /// While it is off, its energy is zero and nothing is evaluated. The solver must forget when this changes.
   void switch_on(bool on) { is_on_ = on; }
-  /// Number of element evaluations since construction. One evaluation computes energy, gradient or Hessian of a
-  /// tetrahedron at one state, in any combination.
-  std::uint64_t evaluated_elements() const { return evaluated_elements_; }
+  /// See TissueElements::evaluated.
+  std::uint64_t evaluated_elements() const { return elements_.evaluated(); }
+  int element_count() const { return static_cast<int>(tetrahedra_.size()); }
+
+  // By the elastic law, also of the tetrahedra that relax.
+
   /// Number of tetrahedra with det F < 0.
   int inverted_elements(const State& state) const;
   /// True if the element is inverted and has more energy than its mirror image would have (`flip_density`).
@@ -60,8 +57,8 @@ class Tissue final : public Energy {
   std::string_view name() const override { return name_; }
   bool is_potential() const override { return true; }
   int needed_bodies() const override { return 0; }
-  void add_pattern(BlockPattern& pattern) const override;
-  void bind(const BlockMatrix& matrix) override;
+  void add_pattern(BlockPattern& pattern) const override { elements_.add_pattern(pattern); }
+  void bind(const BlockMatrix& matrix) override { elements_.bind(matrix); }
   double value(const State& state) const override;
   double add_gradient(const State& state, VectorX& gradient) const override;
   void add_hessian(const State& state, BlockMatrix& hessian, Curvature curvature) const override;
@@ -70,34 +67,19 @@ class Tissue final : public Energy {
                     double* blocks) const override;
 
  private:
-  double evaluate(const State& state, const ElementOutput& output) const;
-  Matrix3 deformation_gradient(const State& state, int element) const;
-  CorotationalMaterial material(int element) const;
-
-  struct Place {
-    std::size_t batch, lane;
+  struct Tetrahedron {
+    std::array<std::int32_t, 4> corners;  // ordered for a positive volume at rest
+    CorotationalMaterial material;
+    double volume;          // m^3
+    Matrix3 inverse_edges;  // D_m^-1, 1/m
   };
-  Place place_of(int element) const;
+  const Tetrahedron& at(int element) const { return tetrahedra_[static_cast<std::size_t>(element)]; }
+  Matrix3 deformation_gradient(const State& state, int element) const;
 
   std::string_view name_;
-  TissueKernel kernel_;
-  HelperThread* helper_ = nullptr;
-  bool single_hessian_ = false;
   bool is_on_ = true;
-  int element_count_ = 0;
-  std::vector<std::array<std::int32_t, 4>> corners_;  // nodes per element, ordered for a positive volume at rest
-  mutable std::uint64_t evaluated_elements_ = 0;
-  std::vector<TissueBatch> batches_;    // of the first half, the second half and the crossed elements
-  std::array<std::size_t, 4> group_{};  // begin and end of these three groups
-  std::vector<std::int32_t> position_;  // per element: kElementBatch times its batch, plus its lane
-  // The elements around each node: from `first_around_[node]` to `first_around_[node + 1]` in `around_`.
-  std::vector<std::int32_t> first_around_, around_;
-  // Scratch of `add_around`: per node its place (-1: it is fixed) and its gradient, per element whether it is in
-  // `chosen_`, and a batch of them.
-  mutable std::vector<std::int32_t> place_, chosen_;
-  mutable std::vector<double> gradient_around_;
-  mutable std::vector<std::uint8_t> is_chosen_;
-  mutable TissueBatch batch_around_;
+  TissueElements elements_;
+  std::vector<Tetrahedron> tetrahedra_;
 };
 
 }  // namespace softhand

@@ -6,10 +6,10 @@
 namespace softhand {
 
 // Defined in the files of these names. CMake compiles each with the flags of its instruction set.
-double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
-                          const ElementOutput& output);
-double tissue_energy_avx512(const TissueBatch* batches, std::size_t count, const double* positions,
-                            const ElementOutput& output);
+double tissue_energy_avx2(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t count,
+                          const double* positions, const ElementOutput& output);
+double tissue_energy_avx512(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t count,
+                            const double* positions, const ElementOutput& output);
 
 TissueKernel tissue_kernel(InstructionSet set) {
 #if defined(__x86_64__)

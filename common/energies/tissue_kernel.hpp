@@ -36,10 +36,13 @@ struct TissueBatch : ElementBatch {
   }
 };
 
-/// `positions`: three per node, metres. Returns U_t in joules. If F is not finite in a lane, the result is NaN, and
-/// only the forces on the nodes of this lane are not finite. Does not allocate.
-using TissueKernel = double (*)(const TissueBatch* batches, std::size_t batch_count, const double* positions,
-                                const ElementOutput& output);
+struct RelaxationBatch;  // relaxation_kernel.hpp
+
+/// `relaxation`: one per batch, or null for the elastic law. `positions`: three per node, metres. Returns U_t in
+/// joules. If F is not finite in a lane, the result is NaN, and only the forces on the nodes of this lane are not
+/// finite. Does not allocate.
+using TissueKernel = double (*)(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t batch_count,
+                                const double* positions, const ElementOutput& output);
 
 /// The kernel for `set`. If this build has none (other architecture), the baseline's kernel.
 TissueKernel tissue_kernel(InstructionSet set);

@@ -4,11 +4,11 @@
 
 namespace softhand {
 
-double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
-                          const ElementOutput& output);
-double tissue_energy_avx2(const TissueBatch* batches, std::size_t count, const double* positions,
-                          const ElementOutput& output) {
-  return tissue_energy(batches, count, positions, output);
+double tissue_energy_avx2(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t count,
+                          const double* positions, const ElementOutput& output);
+double tissue_energy_avx2(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t count,
+                          const double* positions, const ElementOutput& output) {
+  return tissue_energy(batches, relaxation, count, positions, output);
 }
 
 }  // namespace softhand

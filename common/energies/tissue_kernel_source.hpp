@@ -3,294 +3,122 @@
 // Otherwise the linker could give the whole program a shared function with this file's instructions.
 #pragma once
 
-#include "energies/element_lanes.hpp"
-#include "energies/tissue_kernel.hpp"
+#include "energies/relaxation_kernel.hpp"
+#include "energies/tissue_lanes.hpp"
 
 namespace softhand {
 namespace {
 
-constexpr int kMaxSweeps = 12;         // one-sided Jacobi converges quadratically; usually 3 to 5 sweeps
-constexpr double kOrthogonal = 1e-29;  // squared cosine
-// Below this, squares lose digits and the columns have no reliable direction.
-constexpr double kSmallestProduct = 1e-280;
-// A unit column without its part along the longest column has no reliable direction if it is shorter than this.
-constexpr double kNoDirection = 0.1;
-constexpr double kSmallestScale = 1e-300;  // a smaller matrix counts as zero
-// Squared relative threshold below which an off-diagonal stretch entry counts as zero.
+constexpr double kLeastAlong = 1e-3;  // least stiffness with relaxation along an axis, relative to that without it
+
+// Symmetric tensors have their six entries in this order: xx, yy, zz, yz, zx, xy.
 template <typename Row>
-constexpr double kDiagonal = 1e-30;
-template <>
-constexpr double kDiagonal<Singles> = 1e-13;
-// Absolute floor of this threshold. Smaller squares lose digits, and rotations by them change the length of the axes.
-template <typename Row>
-constexpr double kSmallestSquare = kSmallestProduct;
-template <>
-constexpr double kSmallestSquare<Singles> = 1e-30;
-constexpr int kMaxPolarIterations = 7;  // of Newton: a stretch of 2 takes 5, a stretch of 5 or 1/5 takes 7
-// Newton iterations before the first check of the change. With the next one, they suffice for strains up to 0.14.
-constexpr int kUsualPolarIterations = 3;
-// Smallest accepted det^2 / |F|^6 (Frobenius norm). The ratio is 1/27 if all stretches are equal.
-constexpr double kFlat = 1e-6;
-constexpr double kPolarChange = 1e-16;  // squared change of the last iteration; the remaining error is half of it
-
-// F = sum_k s_k u_k v_k^T as in math/polar.hpp: U and V are rotations, s descends, and the last s has the sign of det
-// F. s itself is not stored.
-struct LaneSvd {
-  Lanes3 u[3], v[3];
-};
-
-// Rotates a_p and a_q (and v_p, v_q with them) until they are orthogonal. Lanes in which they are orthogonal do not
-// change.
-SOFTHAND_INLINE void orthogonalise(Lanes3& a_p, Lanes3& a_q, Lanes3& v_p, Lanes3& v_q) {
-  const Lanes pp = dot(a_p, a_p);
-  const Lanes qq = dot(a_q, a_q);
-  const Lanes pq = dot(a_p, a_q);
-  const Lanes square = pq * pq;
-  const Choice turns = (square > kOrthogonal * (pp * qq)) & (square > kSmallestProduct);
-  const Lanes difference = 0.5 * (qq - pp);
-  const Lanes adjacent = absolute(difference) + square_root(difference * difference + square);
-  const Lanes inverse = splat(1.0) / square_root(adjacent * adjacent + square);
-  const Lanes c = select(turns, adjacent * inverse, splat(1.0));
-  const Lanes s = select(turns, select(difference < 0.0, -pq, pq) * inverse, splat(0.0));
-  const Lanes3 x = a_p;
-  a_p = c * x - s * a_q;
-  a_q = s * x + c * a_q;
-  const Lanes3 y = v_p;
-  v_p = c * y - s * v_q;
-  v_q = s * y + c * v_q;
+SOFTHAND_INLINE Row3<Row> product(const Row (&tensor)[6], const Row3<Row>& b) {
+  return {tensor[0] * b.x + tensor[5] * b.y + tensor[4] * b.z, tensor[5] * b.x + tensor[1] * b.y + tensor[3] * b.z,
+          tensor[4] * b.x + tensor[3] * b.y + tensor[2] * b.z};
 }
 
-SOFTHAND_INLINE Choice skewed(const Lanes3& a, const Lanes3& b) {
-  const Lanes product = dot(a, b);
-  const Lanes square = product * product;
-  return (square > kOrthogonal * (dot(a, a) * dot(b, b))) & (square > kSmallestProduct);
-}
-
-// A unit vector orthogonal to the unit vector `u` (Duff et al. 2017).
-SOFTHAND_INLINE Lanes3 perpendicular(const Lanes3& u) {
-  const Lanes sign = select(u.z < 0.0, splat(-1.0), splat(1.0));
-  const Lanes a = splat(-1.0) / (sign + u.z);
-  return {splat(1.0) + sign * u.x * u.x * a, sign * (u.x * u.y * a), -(sign * u.x)};
-}
-
-SOFTHAND_INLINE LaneSvd lane_svd(const Lanes3 (&f)[3]) {
-  // Scaled, so that squares do not overflow or underflow.
-  Lanes scale = absolute(f[0].x);
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j)
-    scale = maximum(absolute(f[j].x), maximum(absolute(f[j].y), maximum(absolute(f[j].z), scale)));
-  const Choice vanishes = scale < kSmallestScale;
-  const Lanes inverse = splat(1.0) / select(vanishes, splat(1.0), scale);
-  const Lanes one = splat(1.0), zero = splat(0.0);
-  Lanes3 a[3];
-  Lanes3 v[3] = {{one, zero, zero}, {zero, one, zero}, {zero, zero, one}};
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) a[j] = select(vanishes, v[j], inverse * f[j]);
-  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
-    // Converged lanes do not change any more, so their result does not depend on the number of sweeps.
-    if (!any(skewed(a[0], a[1]) | skewed(a[0], a[2]) | skewed(a[1], a[2]))) break;
-    orthogonalise(a[0], a[1], v[0], v[1]);
-    orthogonalise(a[0], a[2], v[0], v[2]);
-    orthogonalise(a[1], a[2], v[1], v[2]);
-  }
-  Lanes square[3] = {dot(a[0], a[0]), dot(a[1], a[1]), dot(a[2], a[2])};
-  const auto order = [&](std::size_t p, std::size_t q) {
-    const Choice swaps = square[q] > square[p];
-    const Lanes larger = select(swaps, square[q], square[p]);
-    square[q] = select(swaps, square[p], square[q]);
-    square[p] = larger;
-    // One of the two changes its sign, so that V stays a rotation.
-    const auto swap = [&swaps](Lanes3& x, Lanes3& y) {
-      const Lanes3 first = select(swaps, y, x);
-      y = select(swaps, -x, y);
-      x = first;
-    };
-    swap(a[p], a[q]);
-    swap(v[p], v[q]);
-  };
-  order(0, 1);
-  order(0, 2);
-  order(1, 2);
-  LaneSvd svd;
-  svd.u[0] = (one / square_root(square[0])) * a[0];
-  // A short column is orthogonal to the long column only up to the rounding error of the long column.
-  svd.u[1] = (one / square_root(square[1])) * a[1];
-  svd.u[1] = svd.u[1] - dot(svd.u[0], svd.u[1]) * svd.u[0];
-  const Lanes length = square_root(dot(svd.u[1], svd.u[1]));
-  const Choice directed = length > kNoDirection;
-  svd.u[1] = (one / length) * svd.u[1];
-  if (any(!directed)) svd.u[1] = select(directed, svd.u[1], perpendicular(svd.u[0]));
-  svd.u[2] = cross(svd.u[0], svd.u[1]);
-#pragma GCC unroll 3
-  for (std::size_t k = 0; k < 3; ++k) svd.v[k] = v[k];
-  return svd;
-}
-
-// Computes R of F = R S by Newton's iteration X <- (X + X^-T) / 2 from F (Higham 1986). It needs no square roots and no
-// directions; energy and gradient need no directions either. Returns the lanes in which it converged. It does not
-// converge for elements that are pressed flat (their cofactors are rounding errors) or inverted.
-SOFTHAND_INLINE Choice lane_polar(const Lanes3 (&f)[3], Lanes3 (&r)[3]) {
-  const Lanes volume = dot(f[0], cross(f[1], f[2])), square = dot(f[0], f[0]) + dot(f[1], f[1]) + dot(f[2], f[2]);
-  const Choice upright = (volume > 0.0) & (volume * volume > kFlat * square * square * square);
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) r[j] = f[j];
-  Lanes3 change[3];
-  const auto iterate = [&r, &change ]() __attribute__((always_inline)) {
-    const Lanes3 cofactor[3] = {cross(r[1], r[2]), cross(r[2], r[0]), cross(r[0], r[1])};
-    const Lanes half = splat(0.5) / dot(r[0], cofactor[0]);
-#pragma GCC unroll 3
-    for (std::size_t j = 0; j < 3; ++j) change[j] = half * cofactor[j] - splat(0.5) * r[j];
-  };
-#pragma GCC unroll 3
-  for (int iteration = 0; iteration < kUsualPolarIterations; ++iteration) {
-    iterate();
-#pragma GCC unroll 3
-    for (std::size_t j = 0; j < 3; ++j) r[j] = r[j] + change[j];
-  }
-  // Converged lanes do not change any more, so their result does not depend on the number of iterations.
-  Choice done = splat(0.0) > 0.0;
-  for (int iteration = kUsualPolarIterations; iteration < kMaxPolarIterations; ++iteration) {
-    iterate();
-#pragma GCC unroll 3
-    for (std::size_t j = 0; j < 3; ++j) r[j] = select(done, r[j], r[j] + change[j]);
-    done = done | (dot(change[0], change[0]) + dot(change[1], change[1]) + dot(change[2], change[2]) < kPolarChange);
-    if (!any(upright & !done)) break;
-  }
-  return upright & done;
-}
-
-// Rotates the symmetric matrix until its entry between p and q is zero, and rotates v_p and v_q with it. `diagonal` and
-// `beside` are the entries of the matrix. An entry beside the diagonal has the index of the axis that is not involved.
-// A square below `least` counts as zero.
-template <typename Row>
-SOFTHAND_INLINE void diagonalise(Row (&diagonal)[3], Row (&beside)[3], Row3<Row> (&v)[3], std::size_t p, std::size_t q,
-                                 const Row& least) {
-  const Row one = rounded<Row>(splat(1.0)), zero = one - one, half = rounded<Row>(splat(0.5));
-  const Row pq = beside[3 - p - q];
-  const Row square = pq * pq;
-  const auto turns = square > least;
-  const Row middle = half * (diagonal[p] + diagonal[q]), difference = half * (diagonal[q] - diagonal[p]);
-  const auto falls = zero > difference;
-  const Row distance = square_root(difference * difference + square);
-  const Row adjacent = absolute(difference) + distance;
-  const Row inverse = one / square_root(adjacent * adjacent + square);
-  const Row c = select(turns, adjacent * inverse, one);
-  const Row s = select(turns, select(falls, -pq, pq) * inverse, zero);
-  const Row along = select(falls, -distance, distance);
-  diagonal[p] = select(turns, middle - along, diagonal[p]);
-  diagonal[q] = select(turns, middle + along, diagonal[q]);
-  beside[3 - p - q] = select(turns, zero, pq);
-  const Row pr = beside[q], qr = beside[p];
-  beside[q] = c * pr - s * qr;
-  beside[p] = s * pr + c * qr;
-  const Row3<Row> x = v[p];
-  v[p] = c * x - s * v[q];
-  v[q] = s * x + c * v[q];
-}
-
-// Axes of the stretch S = R^T F and the stretches along them, in any order, by Jacobi's method.
-template <typename Row>
-SOFTHAND_INLINE void lane_axes(const Lanes3 (&r)[3], const Lanes3 (&f)[3], Row3<Row> (&v)[3], Row (&stretch)[3]) {
-  const Row one = rounded<Row>(splat(1.0)), zero = one - one;
-  Row beside[3] = {rounded<Row>(dot(r[1], f[2])), rounded<Row>(dot(r[0], f[2])), rounded<Row>(dot(r[0], f[1]))};
-  Row least = zero;
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) {
-    stretch[j] = rounded<Row>(dot(r[j], f[j]));
-    least = least + stretch[j] * stretch[j];
-    v[j] = {j == 0 ? one : zero, j == 1 ? one : zero, j == 2 ? one : zero};
-  }
-  least = rounded<Row>(splat(kDiagonal<Row>)) * least + rounded<Row>(splat(kSmallestSquare<Row>));
-  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
-    // Converged lanes do not change any more, so their result does not depend on the number of sweeps.
-    if (!any((beside[0] * beside[0] > least) | (beside[1] * beside[1] > least) | (beside[2] * beside[2] > least)))
-      break;
-    diagonalise(stretch, beside, v, 0, 1, least);
-    diagonalise(stretch, beside, v, 0, 2, least);
-    diagonalise(stretch, beside, v, 1, 2, least);
-  }
-}
-
-template <bool kGradient, bool kHessian, typename Row>
-SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first, const double* positions,
-                                    bool projected, BatchResult<Row>& result) {
-  const auto row = [first](const double(&values)[kElementBatch]) { return load_lanes(values + first); };
+template <bool kRelaxes, bool kGradient, bool kHessian, typename Row>
+SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, const RelaxationBatch* relaxation, std::size_t first,
+                                    const double* positions, bool projected, BatchResult<Row>& result) {
   Lanes3 f[3], shape[3];
   load_deformation_gradient(batch, first, positions, f, shape);
-  const Lanes mu = row(batch.mu), lambda = row(batch.lambda), volume = row(batch.volume);
-  const Lanes limit_energy = row(batch.limit_energy), limit_stiffness = row(batch.limit_stiffness);
-  Lanes3 rotation[3];
-  const Choice rotated = lane_polar(f, rotation);
-  if (any(!rotated)) {
-    const LaneSvd svd = lane_svd(f);
-    const auto row_of = [](const Lanes3& v, std::size_t j) { return j == 0 ? v.x : j == 1 ? v.y : v.z; };
-#pragma GCC unroll 3
-    for (std::size_t j = 0; j < 3; ++j) {
-      rotation[j] =
-          select(rotated, rotation[j],
-                 row_of(svd.v[0], j) * svd.u[0] + row_of(svd.v[1], j) * svd.u[1] + row_of(svd.v[2], j) * svd.u[2]);
-    }
-  }
-  // F - R. Its product with R is the sum of the principal strains. Its product with itself is the sum of their squares.
-  Lanes3 strain[3];
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) strain[j] = f[j] - rotation[j];
-  const Lanes trace = dot(rotation[0], strain[0]) + dot(rotation[1], strain[1]) + dot(rotation[2], strain[2]);
-  const Lanes squares = dot(strain[0], strain[0]) + dot(strain[1], strain[1]) + dot(strain[2], strain[2]);
-  const Lanes quadratic = mu * squares + 0.5 * lambda * trace * trace;
-  const Lanes excess = quadratic / limit_energy - 1.0;
-  // Way along the ramp of strain limiting, from 0 to 2 w, and beyond it.
-  const Lanes ramp = row(batch.limit_ramp), ramp_rate = row(batch.ramp_rate);
-  const Lanes beyond = maximum(excess - ramp, splat(0.0)), along = maximum(excess + ramp, splat(0.0)) - beyond;
-  const Lanes along_square = ramp_rate * along * along;
-  store(result.energy + first,
-        volume * (quadratic + limit_stiffness * ((1.0 / 6) * along * along_square + beyond * (ramp + 0.5 * beyond))));
-  if constexpr (!kGradient && !kHessian) return;
-
-  const Lanes slope = limit_stiffness / limit_energy;
-  const Lanes factor = splat(1.0) + slope * (0.5 * along_square + beyond);
-  const Lanes weight = volume * factor;
-  // dW_q/dF.
-  Lanes3 stress[3];
-#pragma GCC unroll 3
-  for (std::size_t j = 0; j < 3; ++j) stress[j] = (2.0 * mu) * strain[j] + (lambda * trace) * rotation[j];
+  const LaneLaw law = lane_law(batch, first, f);
+  const Lanes volume = load_lanes((kRelaxes ? relaxation->volume : batch.volume) + first);
   const auto times = [](const auto(&matrix)[3], const auto& b) {
     return b.x * matrix[0] + b.y * matrix[1] + b.z * matrix[2];
   };
+  Lanes energy = volume * law.density();
+  Lanes relaxed[6];        // V A
+  Lanes3 relaxed_pull[3];  // V A b
+  if constexpr (kRelaxes) {
+#pragma GCC unroll 6
+    for (std::size_t k = 0; k < 6; ++k) relaxed[k] = load_lanes(relaxation->stress[k] + first);
+    const Lanes diagonal = relaxed[0] * (dot(f[0], f[0]) - 1.0) + relaxed[1] * (dot(f[1], f[1]) - 1.0) +
+                           relaxed[2] * (dot(f[2], f[2]) - 1.0);
+    const Lanes beside = relaxed[3] * dot(f[1], f[2]) + relaxed[4] * dot(f[2], f[0]) + relaxed[5] * dot(f[0], f[1]);
+    energy = energy + (0.5 * diagonal + beside + load_lanes(relaxation->constant + first));
+  }
+  store(result.energy + first, energy);
+  if constexpr (!kGradient && !kHessian) return;
+
+  const Lanes weight = volume * law.factor();
+  // dW_q/dF.
+  Lanes3 stress[3];
+#pragma GCC unroll 3
+  for (std::size_t j = 0; j < 3; ++j)
+    stress[j] = (2.0 * law.mu) * law.strain[j] + (law.lambda * law.trace) * law.rotation[j];
   // dW_q/dF b for the shape gradients b of nodes 1 to 3.
   Lanes3 pull[3];
 #pragma GCC unroll 3
-  for (std::size_t n = 0; n < 3; ++n) pull[n] = times(stress, shape[n]);
+  for (std::size_t n = 0; n < 3; ++n) {
+    pull[n] = times(stress, shape[n]);
+    if constexpr (kRelaxes) relaxed_pull[n] = product(relaxed, shape[n]);
+  }
   if constexpr (kGradient) {
-    const Lanes3 force[3] = {weight * pull[0], weight * pull[1], weight * pull[2]};
+    Lanes3 force[3];
+#pragma GCC unroll 3
+    for (std::size_t n = 0; n < 3; ++n) {
+      force[n] = weight * pull[n];
+      if constexpr (kRelaxes) force[n] = force[n] + times(f, relaxed_pull[n]);
+    }
     store_forces(force, first, result);
   }
   if constexpr (!kHessian) return;
 
   Row3<Row> v[3], u[3], turn[3];
-  Row stretch[3];
-  lane_axes(rotation, f, v, stretch);
+  const auto& r = law.rotation;
+  Row stretch[3] = {rounded<Row>(dot(r[0], f[0])), rounded<Row>(dot(r[1], f[1])), rounded<Row>(dot(r[2], f[2]))};
+  Row shear[3] = {rounded<Row>(dot(r[1], f[2])), rounded<Row>(dot(r[0], f[2])), rounded<Row>(dot(r[0], f[1]))};
+  lane_axes(stretch, shear, v);
 #pragma GCC unroll 3
-  for (std::size_t k = 0; k < 3; ++k) turn[k] = rounded<Row>(rotation[k]);
+  for (std::size_t k = 0; k < 3; ++k) turn[k] = rounded<Row>(law.rotation[k]);
 #pragma GCC unroll 3
   for (std::size_t k = 0; k < 3; ++k) u[k] = times(turn, v[k]);
-  // Half of c_k, because the twists do not have unit length. Floors as described in corotational.hpp.
-  const Lanes stiffness = 2.0 * mu;
-  const Row numerator = rounded<Row>(lambda * trace - stiffness), least = rounded<Row>(-mu),
-            row_weight = rounded<Row>(weight);
+  const Lanes stiffness = 2.0 * law.mu;
+  const Row row_weight = rounded<Row>(weight);
+  Row isotropic = row_weight * rounded<Row>(stiffness);
+  const Row none = isotropic - isotropic;
+  Row lowest[3];  // of the twists, see below
+  if constexpr (kRelaxes) {
+    // A : E adds the stiffness (b_n . V A b_m) 1. In the axes of the stretch, its entries beside the diagonal and the
+    // sums of their magnitudes on it are positive semi-definite. The rest is diagonal: with 2 mu it is `along`. A shift
+    // keeps that positive.
+    Row tensor[6];
+    for (std::size_t k = 0; k < 6; ++k) tensor[k] = rounded<Row>(relaxed[k]);
+    const Row3<Row> moved[3] = {product(tensor, v[0]), product(tensor, v[1]), product(tensor, v[2])};
+    const Row beside[3] = {absolute(dot(v[1], moved[2])), absolute(dot(v[2], moved[0])), absolute(dot(v[0], moved[1]))};
+    Row along[3], shift = none;
+    for (std::size_t k = 0; k < 3; ++k) {
+      along[k] = isotropic + dot(v[k], moved[k]) - beside[(k + 1) % 3] - beside[(k + 2) % 3];
+      shift = maximum(shift, rounded<Row>(splat(kLeastAlong)) * isotropic - along[k]);
+    }
+    if (projected) isotropic = isotropic + shift;
+    for (std::size_t k = 0; k < 3; ++k) along[k] = along[k] + shift;
+    for (std::size_t k = 0; k < 3; ++k) {
+      const Row &p = along[k == 2 ? 1 : 0], &q = along[k == 0 ? 1 : 2];
+      lowest[k] = -(p * q / (p + q));
+    }
+  } else {
+    lowest[0] = lowest[1] = lowest[2] = row_weight * rounded<Row>(-law.mu);
+  }
+  // Half of c_k, because the twists do not have unit length. Floors as described in corotational.hpp. The stiffness is
+  // p and q along v_i and v_j, both 2 mu without relaxation. It is positive with a twist if c_k >= -2 p q/(p + q).
+  const Row numerator = rounded<Row>(law.lambda * law.trace - stiffness);
   const Row floor = rounded<Row>(splat(projected ? 1e-3 : 1e-9));
-  const auto twist = [&](std::size_t i, std::size_t j) {
-    const Row half = numerator / maximum(stretch[i] + stretch[j], floor);
-    return row_weight * (projected ? maximum(half, least) : half);
+  const auto twist = [&](std::size_t k, std::size_t i, std::size_t j) {
+    const Row half = row_weight * (numerator / maximum(stretch[i] + stretch[j], floor));
+    return projected ? maximum(half, lowest[k]) : half;
   };
-  const Row term[5] = {
-      rounded<Row>(weight * lambda), twist(0, 1), twist(0, 2), twist(1, 2),
-      rounded<Row>(volume * slope / limit_energy * select(beyond > 0.0, splat(1.0), ramp_rate * along))};
+  const Row term[5] = {rounded<Row>(weight * law.lambda), twist(0, 0, 1), twist(1, 0, 2), twist(2, 1, 2),
+                       rounded<Row>(volume * law.slope() / law.limit_energy *
+                                    select(law.beyond > 0.0, splat(1.0), law.ramp_rate * law.along))};
   // R b, the twists (u_i v_j^T - u_j v_i^T) b and dW_q/dF b.
-  Row3<Row> factor_of[3][5], gradient_of[3];
+  Row3<Row> factor_of[3][5], gradient_of[3], relaxed_of[3];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
     gradient_of[n] = rounded<Row>(shape[n]);
+    if constexpr (kRelaxes) relaxed_of[n] = rounded<Row>(relaxed_pull[n]);
     const Row b[3] = {dot(v[0], gradient_of[n]), dot(v[1], gradient_of[n]), dot(v[2], gradient_of[n])};
     factor_of[n][0] = times(turn, gradient_of[n]);
     factor_of[n][1] = b[1] * u[0] - b[0] * u[1];
@@ -298,7 +126,6 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     factor_of[n][3] = b[2] * u[1] - b[1] * u[2];
     factor_of[n][4] = rounded<Row>(pull[n]);
   }
-  const Row isotropic = row_weight * rounded<Row>(stiffness), none = isotropic - isotropic;
   Row3<Row> scaled[3][5];
 #pragma GCC unroll 3
   for (std::size_t n = 0; n < 3; ++n) {
@@ -306,28 +133,35 @@ SOFTHAND_INLINE void evaluate_lanes(const TissueBatch& batch, std::size_t first,
     for (std::size_t k = 0; k < 5; ++k) scaled[n][k] = term[k] * factor_of[n][k];
   }
   store_blocks(first, result, [&](std::size_t n, std::size_t m, Row3<Row>(&column)[3]) {
-    const Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
+    Row same = isotropic * dot(gradient_of[n], gradient_of[m]);
+    if constexpr (kRelaxes) same = same + dot(gradient_of[n], relaxed_of[m]);
     column[0] = {same, none, none}, column[1] = {none, same, none}, column[2] = {none, none, same};
     add_products(scaled[n], factor_of[m], column);
   });
 }
 
-SOFTHAND_INLINE void prefetch_values(const TissueBatch& next) {
-  prefetch(next.volume);
-  prefetch(next.mu);
-  prefetch(next.lambda);
-  prefetch(next.limit_energy);
-  prefetch(next.limit_stiffness);
-  prefetch(next.limit_ramp);
-  prefetch(next.ramp_rate);
-}
-
-double tissue_energy(const TissueBatch* batches, std::size_t count, const double* positions,
-                     const ElementOutput& output) {
+double tissue_energy(const TissueBatch* batches, const RelaxationBatch* relaxation, std::size_t count,
+                     const double* positions, const ElementOutput& output) {
+  if (relaxation == nullptr) {
+    return evaluate_batches(
+        batches, count, output, [](const TissueBatch& next) { prefetch_values(next); },
+        [&](const auto& kind, const TissueBatch& batch, std::size_t first, auto& result) {
+          evaluate_lanes<false, kind.gradient, kind.hessian>(batch, nullptr, first, positions, output.projected,
+                                                             result);
+        });
+  }
   return evaluate_batches(
-      batches, count, output, [](const TissueBatch& next) { prefetch_values(next); },
+      batches, count, output,
+      [&](const TissueBatch& next) {
+        prefetch_values(next);
+        const RelaxationBatch& of_next = relaxation[&next - batches];
+        prefetch(of_next.volume);
+        prefetch(of_next.stress);
+        prefetch(of_next.constant);
+      },
       [&](const auto& kind, const TissueBatch& batch, std::size_t first, auto& result) {
-        evaluate_lanes<kind.gradient, kind.hessian>(batch, first, positions, output.projected, result);
+        evaluate_lanes<true, kind.gradient, kind.hessian>(batch, relaxation + (&batch - batches), first, positions,
+                                                          output.projected, result);
       });
 }
 

@@ -602,8 +602,10 @@ int HandSimulation::inverted_elements() const {
 
 WorkCounters HandSimulation::work() const {
   WorkCounters work;
-  for (const auto& hand : hands_)
-    if (hand->tissue() != nullptr) work.tissue_elements += hand->tissue()->evaluated_elements();
+  for (const auto& hand : hands_) {
+    work.tissue_elements += hand->evaluated_elements();
+    work.relaxing_elements += static_cast<std::uint64_t>(hand->relaxing_elements());
+  }
   if (soft_) work.soft_elements = soft_->tissue().evaluated_elements();
   for_each_contacts([&](const ContactSet& contacts) {
     work.contact_queries += contacts.queries();

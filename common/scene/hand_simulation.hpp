@@ -66,6 +66,7 @@ struct MirroredJoint {
 /// Counts of computations since construction. A count is exactly 0 if the scene does not have that part.
 struct WorkCounters {
   std::uint64_t tissue_elements = 0;    ///< evaluations of a tetrahedron of a hand
+  std::uint64_t relaxing_elements = 0;  ///< tetrahedra of hands that relax
   std::uint64_t soft_elements = 0;      ///< evaluations of a tetrahedron of a flexible object
   std::uint64_t contact_queries = 0;    ///< searches for the point where a node meets an object
   std::uint64_t dropped_contacts = 0;   ///< new contacts for which the list had no room, so that points pass through

@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
+#include <stdexcept>
+#include <string>
 #include <string_view>
 #include <utility>
 
@@ -9,7 +12,6 @@
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
 #include "energies/joint.hpp"
-#include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/skin_contact.hpp"
 #include "math/index.hpp"
@@ -26,17 +28,22 @@ std::array<double, kBodyCount> attached_masses(const HandModel& hand) {
   return masses;
 }
 
-// The weights of the branches for each material of the hand.
-std::vector<RelaxationEnergy::Branches> relaxation_weights(const HandModel& hand, const RelaxationOptions& options) {
-  const std::array<std::pair<std::string_view, RelaxationEnergy::Branches>, 4> known{
+// The branches of each material of the hand. Throws std::invalid_argument with the name of the option.
+PronySeries prony_series(const HandModel& hand, const RelaxationOptions& options) {
+  if (!options.active) return {};
+  const std::array<std::pair<std::string_view, PronySeries::Branches>, 4> known{
       {{"pulp", options.pulp}, {"palm", options.palm}, {"back", options.back}, {"knuckle", options.knuckle}}};
-  std::vector<RelaxationEnergy::Branches> weights(hand.materials.size(), RelaxationEnergy::Branches{});
-  for (std::size_t m = 0; m < weights.size(); ++m) {
-    for (const auto& [name, branches] : known) {
-      if (hand.materials[m].name == name) weights[m] = branches;
+  PronySeries series{options.time_constants, {hand.materials.size(), PronySeries::Branches{}}};
+  for (const auto& [name, weights] : known) {
+    const double sum = std::accumulate(weights.begin(), weights.end(), 0.0);
+    if (!(sum < 1))
+      throw std::invalid_argument("hand.simulation.relaxation." + std::string(name) +
+                                  ": expected weights with a sum below 1, got " + std::to_string(sum));
+    for (std::size_t m = 0; m < series.weights.size(); ++m) {
+      if (hand.materials[m].name == name) series.weights[m] = weights;
     }
   }
-  return weights;
+  return series;
 }
 
 std::vector<CouplingSite> coupling_sites(const HandModel& hand, int first_body, double damping_ratio) {
@@ -110,19 +117,23 @@ void SimulatedHand::add_terms(const SimulationOptions& options, DofLayout layout
   const std::vector<double> masses = lumped_masses(tissue_model);
   const bool single_hessian = options.solver.factor == "float" && options.solver.curvature != "exact";
   if (!model_.tetrahedra.empty()) {
-    auto tissue = std::make_unique<Tissue>(tissue_model);
+    const PronySeries relaxation = prony_series(model_, options.relaxation);
+    auto tissue = std::make_unique<Tissue>(tissue_model, widest_instruction_set(), "tissue", relaxation);
     tissue_ = tissue.get();
-    if (helper != nullptr) tissue->use(*helper);
-    if (single_hessian) tissue->use_single_hessian();
-    terms.push_back(std::move(tissue));
-    if (options.relaxation.active) {
-      auto relaxation = std::make_unique<RelaxationEnergy>(tissue_model, options.relaxation.time_constants,
-                                                           relaxation_weights(model_, options.relaxation));
-      if (single_hessian) relaxation->use_single_hessian();
-      if (relaxation->element_count() > 0) terms.push_back(std::move(relaxation));
+    const auto add = [&](auto of_elements) {
+      if (helper != nullptr) of_elements->use(*helper);
+      if (single_hessian) of_elements->use_single_hessian();
+      holding_tissue_.push_back(of_elements.get());
+      terms.push_back(std::move(of_elements));
+    };
+    add(std::move(tissue));
+    if (!relaxation.tetrahedra(tissue_model, true).empty()) {
+      auto relaxing = std::make_unique<RelaxingTissue>(tissue_model, relaxation);
+      relaxing_ = relaxing.get();
+      add(std::move(relaxing));
     }
     auto attachments = std::make_unique<SkeletonTissue>(model_, layout, first_node_, first_body_);
-    attachments_ = attachments.get();
+    holding_tissue_.push_back(attachments.get());
     terms.push_back(std::move(attachments));
   }
   std::vector<JointSite> joints = hand_joints(model_);
@@ -196,19 +207,28 @@ double SimulatedHand::largest_coupling_stretch(const State& state) const {
 
 int SimulatedHand::untangle(State& state, double time_step, double tissue_energy, const Inertia& inertia) {
   if (tissue_ == nullptr) return 0;
+  int moved = 0;
   switch (untangler_.due(time_step, tissue_energy)) {
     case Untangler::Due::full_check:
-      return untangler_.full_check(state, contacts_.get(), inertia.kinetic_energy(state), *tissue_, *attachments_);
+      moved = untangler_.full_check(state, contacts_.get(), inertia.kinetic_energy(state), *tissue_, holding_tissue_);
+      break;
     case Untangler::Due::quick_check:
-      return check_outside_state(state);
+      moved = check_outside_state(state);
+      break;
     case Untangler::Due::nothing:
       break;
   }
-  return 0;
+  if (moved > 0 && relaxing_ != nullptr) relaxing_->reset_moved(state);
+  return moved;
+}
+
+std::uint64_t SimulatedHand::evaluated_elements() const {
+  return (tissue_ == nullptr ? 0 : tissue_->evaluated_elements()) +
+         (relaxing_ == nullptr ? 0 : relaxing_->evaluated_elements());
 }
 
 int SimulatedHand::check_outside_state(State& state) {
-  return tissue_ == nullptr ? 0 : untangler_.quick_check(state, contacts_.get(), *tissue_, *attachments_);
+  return tissue_ == nullptr ? 0 : untangler_.quick_check(state, contacts_.get(), *tissue_, holding_tissue_);
 }
 
 }  // namespace softhand

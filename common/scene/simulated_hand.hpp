@@ -3,6 +3,7 @@
 // Node n of the hand's model is node `first_node` + n of the state. Bone b is body `first_body` + b.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <memory>
 #include <vector>
@@ -65,7 +66,11 @@ class SimulatedHand {
   const SkinContact* skin() const { return skin_; }
   /// Null: the hand has only bones.
   const Tissue* tissue() const { return tissue_; }
-  bool is_tissue(const Energy* term) const { return term != nullptr && (term == tissue_ || term == attachments_); }
+  /// Tetrahedra that relax, and evaluations of all tetrahedra.
+  int relaxing_elements() const { return relaxing_ == nullptr ? 0 : relaxing_->element_count(); }
+  std::uint64_t evaluated_elements() const;
+  /// Whether the term holds the tissue: tissue or attachments.
+  bool is_tissue(const Energy* term) const { return std::ranges::find(holding_tissue_, term) != holding_tissue_.end(); }
 
   Untangler& untangler() { return untangler_; }
   const Untangler& untangler() const { return untangler_; }
@@ -79,7 +84,8 @@ class SimulatedHand {
   std::unique_ptr<ContactSet> contacts_;
   SkinContact* skin_ = nullptr;
   Tissue* tissue_ = nullptr;
-  Energy* attachments_ = nullptr;
+  RelaxingTissue* relaxing_ = nullptr;
+  std::vector<const Energy*> holding_tissue_;
 };
 
 /// Appends a hand's tissue that has the numbers of the state (`placed_tissue`).

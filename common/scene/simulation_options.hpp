@@ -8,23 +8,24 @@
 
 namespace softhand {
 
-/// Prony branches of the tissue (energies/relaxation.hpp). The weights are those of a material by its name in the hand
-/// file. Other materials have no branches.
+/// Prony branches of the tissue (energies/relaxing_tissue.hpp). The weights are those of a material by its name in the
+/// hand file. Their sum must be below 1. Other materials have no branches.
 struct RelaxationOptions {
   using Branches = std::array<double, 3>;
   bool active = false;
   Branches time_constants{0.004, 0.07, 1.4};
-  Branches pulp{0.5, 0.5, 0.5}, palm{}, back{}, knuckle{};
+  Branches pulp{0.25, 0.25, 0.25}, palm{}, back{}, knuckle{};
 };
 
 inline void describe(OptionVisitor& v, RelaxationOptions& o) {
-  v.flag("active", o.active,
-         "The tissue is stiffer at first and relaxes, as that of people. Off by default: it costs time.");
+  v.flag("active", o.active, "The tissue relaxes, as that of people. Off by default: it costs time.");
   v.numbers("time_constants", o.time_constants.data(), 3, "s", {1e-4, 1e3},
             "Time constants of the three branches. The default is that of the human fingertip (Pawluk and Howe 1999).");
   const auto weights = [&v](const char* material, RelaxationOptions::Branches& of_material) {
-    v.numbers(material, of_material.data(), 3, "1", {0, 100},
-              "Shear modulus of each branch over the tissue's own, for the material of this name. All 0: no branches.");
+    v.numbers(
+        material, of_material.data(), 3, "1", {0, 1},
+        "Share of the stress that relaxes with each time constant, for the material of this name. The sum must be "
+        "below 1. All 0: no branches.");
   };
   weights("pulp", o.pulp);
   weights("palm", o.palm);

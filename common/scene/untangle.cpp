@@ -108,7 +108,9 @@ Untangler::Due Untangler::due(double time_step, double energy) {
 }
 
 double Untangler::stored(const View& view) const {
-  return view.tissue.value(view.state) + view.attachments.value(view.state);
+  double joules = 0;
+  for (const Energy* energy : view.energies) joules += energy->value(view.state);
+  return joules;
 }
 
 void Untangler::move_all_back(const View& view) {
@@ -271,13 +273,14 @@ int Untangler::untangle_cluster(const View& view, std::size_t seed) {
   return accept_move(view);
 }
 
-int Untangler::quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments) {
-  return full_check_period_ > 0 ? put_all_back({state, contacts, tissue, attachments}, 0, false) : 0;
+int Untangler::quick_check(State& state, ContactSet* contacts, const Tissue& tissue,
+                           std::span<const Energy* const> energies) {
+  return full_check_period_ > 0 ? put_all_back({state, contacts, tissue, energies}, 0, false) : 0;
 }
 
 int Untangler::full_check(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
-                          const Energy& attachments) {
-  const View view{state, contacts, tissue, attachments};
+                          std::span<const Energy* const> energies) {
+  const View view{state, contacts, tissue, energies};
   if (const int moved = put_all_back(view, kinetic_energy, true)) return moved;
   if (contacts != nullptr) contacts->mark_hooked(state, bones_, hooked_);
   for (std::size_t t = 0; t < tetrahedra_.size(); ++t) {

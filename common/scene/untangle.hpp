@@ -52,12 +52,13 @@ class Untangler {
   /// so much energy that it would throw bones and objects. It has less at its rest place relative to the bones. Only
   /// the tissue that stores this energy is put back, if that releases nearly as much as putting all of it back.
   /// Returns the number of nodes that were put back. Their contacts have ended, all others persist. Does not allocate.
-  /// As in `full_check`, `contacts` may be null, and `tissue` and `attachments` must belong to the same hand.
-  int quick_check(State& state, ContactSet* contacts, const Tissue& tissue, const Energy& attachments);
+  /// As in `full_check`, `contacts` may be null, and `energies` are what holds the hand's tissue: tissue and
+  /// attachments. Between two steps, their value is what they store.
+  int quick_check(State& state, ContactSet* contacts, const Tissue& tissue, std::span<const Energy* const> energies);
   /// Full check. Puts back what was tangled in the last full check too, or does the same as `quick_check`.
   /// `kinetic_energy`: of the hand, J.
   int full_check(State& state, ContactSet* contacts, double kinetic_energy, const Tissue& tissue,
-                 const Energy& attachments);
+                 std::span<const Energy* const> energies);
 
  private:
   // The parts of the simulation that a check uses.
@@ -65,7 +66,7 @@ class Untangler {
     State& state;
     ContactSet* contacts;
     const Tissue& tissue;
-    const Energy& attachments;
+    std::span<const Energy* const> energies;
   };
   // The columns of the hand's nodes. Before and behind them come those of another hand and of flexible objects.
   auto own(Eigen::Matrix3Xd& of_nodes) const {

@@ -31,21 +31,29 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
   for (int block = 0; block < layout_.block_count(); ++block) diagonal_.push_back(hessian_.find(block, block).index);
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
   for (std::size_t t = 0; t < terms_.size(); ++t) {
-    if (!terms_[t]->is_potential()) continue;
+    const bool is_potential = terms_[t]->is_potential();
+    if (!is_potential && terms_[t]->needed_bodies() > 0) continue;
     BlockPattern touched(layout_.block_count(), layout_.border_count());
     terms_[t]->add_pattern(touched);
     potential_blocks_ += static_cast<double>(touched.lower_triangle().size());
+    if (!is_potential) continue;
     const int bodies = std::min(terms_[t]->needed_bodies(), layout_.body_count);
     potential_bodies_ = std::max(potential_bodies_, static_cast<std::size_t>(bodies));
     order_.insert(bodies == 0 ? order_.begin() + static_cast<std::ptrdiff_t>(first_bodily_++) : order_.end(), t);
   }
   first_frozen_ = order_.size();
-  for (const bool kinked : {false, true}) {
+  const auto add_terms = [&](bool kinked, bool of_nodes) {
     for (std::size_t t = 0; t < terms_.size(); ++t) {
-      if (!terms_[t]->is_potential() && terms_[t]->has_kinks() == kinked) order_.push_back(t);
+      if (!terms_[t]->is_potential() && terms_[t]->has_kinks() == kinked &&
+          (terms_[t]->needed_bodies() == 0) == of_nodes)
+        order_.push_back(t);
     }
-    if (!kinked) first_kinked_ = order_.size();
-  }
+    return order_.size();
+  };
+  first_other_ = add_terms(false, true);
+  first_kinked_ = add_terms(false, false);
+  add_terms(true, true);
+  add_terms(true, false);
   for (std::size_t k = first_kinked_; k < order_.size(); ++k) kinked_.push_back(terms_[order_[k]]);
   gradient_ = displacement_ = carried_.gradient = carried_.node_gradient = VectorX::Zero(layout_.dof_count());
   other_stiffness_ = VectorX::Zero(9 * hessian_.core_blocks());
@@ -86,7 +94,8 @@ void IncrementalPotential::measure_displacement(const State& state) {
 Energy::Around IncrementalPotential::add_around(std::span<const std::int32_t> nodes, const State& state,
                                                 double* gradient, double* blocks) const {
   Energy::Around result;
-  for (std::size_t k = 0; k < first_bodily_; ++k) {
+  for (std::size_t k = 0; k < first_other_; ++k) {
+    if (k >= first_bodily_ && k < first_frozen_) continue;
     const Energy::Around of_term = terms_[order_[k]]->add_around(nodes, state, gradient, blocks);
     result.energy += of_term.energy;
     result.share += of_term.share;
@@ -127,6 +136,7 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
     gradient_ = carried_.gradient;
   }
   const bool notes_others = request.hessian && first_bodily_ < first_kinked_ && !knows_other_stiffness();
+  const bool splits_others = notes_others && first_frozen_ < first_other_;  // terms of nodes lie between them
   const Eigen::Map<const VectorX> stiffness(hessian_.values().data(), other_stiffness_.size());
   const auto note_others = [&] {
     other_stiffness_ += stiffness;
@@ -142,6 +152,8 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
       carried_.known = true;
     }
     if (notes_others && k == first_bodily_) other_stiffness_ = -stiffness;
+    if (splits_others && k == first_frozen_) other_stiffness_ += stiffness;
+    if (splits_others && k == first_other_) other_stiffness_ -= stiffness;
     if (request.hessian && k == first_kinked_) {
       if (notes_others) note_others();
       hessian_.begin_journal();
@@ -158,6 +170,7 @@ bool IncrementalPotential::evaluate(const State& state, StepMeter& meter, const 
     taken = taken_so_far;
     report.energy += energy;
   }
+  if (splits_others && first_other_ == order_.size()) other_stiffness_ -= stiffness;
   if (notes_others && kinked_.empty()) note_others();
   report.residual = layout_.dof_count() > 0 ? gradient_.lpNorm<Eigen::Infinity>() : 0.0;
   report.work += request.hessian ? meter.prices.linearisation

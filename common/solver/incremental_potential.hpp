@@ -78,7 +78,7 @@ class IncrementalPotential {
   /// Gradient of the potentials that depend on nodes only, at the last state where they were evaluated.
   const VectorX& node_gradient() const { return carried_.node_gradient; }
 
-  /// The potentials that depend on nodes only, as a function of a few of them: Energy::add_around.
+  /// The terms without kinks that depend on nodes only, as a function of a few of them: Energy::add_around.
   Energy::Around add_around(std::span<const std::int32_t> nodes, const State& state, double* gradient,
                             double* blocks) const;
   /// A stored block of the core: the sum of all other terms without kinks. It is that of the first linearisation with
@@ -120,8 +120,8 @@ class IncrementalPotential {
   std::vector<std::size_t> order_;  // of evaluation
   std::vector<Energy*> kinked_;
   // Places in `order_`: the first potential that depends on bodies, the first term after the potentials, and the first
-  // term with kinks.
-  std::size_t first_bodily_ = 0, first_frozen_ = 0, first_kinked_ = 0;
+  // term with kinks. In between, the terms of nodes alone come first, up to `first_other_`.
+  std::size_t first_bodily_ = 0, first_frozen_ = 0, first_other_ = 0, first_kinked_ = 0;
   std::size_t potential_bodies_ = 0;  // the potentials depend on this many bodies: the first ones
   double potential_blocks_ = 0;
   DofLayout layout_;

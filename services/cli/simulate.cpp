@@ -198,6 +198,7 @@ int run_simulate(const SimulateArguments& arguments) {
                            {"chord_steps", counters.chord_steps},
                            {"factorised_steps", work.factorised_steps},
                            {"tissue_elements", work.tissue_elements},
+                           {"relaxing_elements", work.relaxing_elements},
                            {"soft_elements", work.soft_elements},
                            {"contact_queries", work.contact_queries},
                            {"skin_part_queries", work.skin_part_queries},

@@ -230,6 +230,7 @@ void HandLoop::fill_status(LoopStatus& status, Nanoseconds now) const {
   add_counter(status, "budget_steps", static_cast<double>(counters_.budget_steps));
   const WorkCounters work = simulation_->work();
   add_counter(status, "tissue_elements", static_cast<double>(work.tissue_elements));
+  add_counter(status, "relaxing_elements", static_cast<double>(work.relaxing_elements));
   add_counter(status, "soft_elements", static_cast<double>(work.soft_elements));
   if (simulation_->soft() != nullptr) {
     add_counter(status, "passed_objects", simulation_->soft()->passing());

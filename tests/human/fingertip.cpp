@@ -12,7 +12,6 @@
 #include "energies/contact.hpp"
 #include "energies/friction.hpp"
 #include "energies/inertia.hpp"
-#include "energies/relaxation.hpp"
 #include "energies/skeleton_tissue.hpp"
 #include "energies/tissue.hpp"
 #include "math/rotation.hpp"
@@ -95,12 +94,13 @@ Fingertip::Fingertip(const HandModel& hand, double contact_stiffness)
 
 // The tip, the plate and the terms between them.
 struct Fingertip::Rig {
-  Rig(HandModel model, double contact_stiffness, std::vector<Energy*> more_terms)
+  Rig(HandModel model, double contact_stiffness, const PronySeries& relaxation)
       : tip(std::move(model)),
         masses(lumped_masses(tip)),
         state(testing::rest_state(tip)),
         inertia(masses, kBodyCount + 1),
-        tissue(tip),
+        tissue(tip, widest_instruction_set(), "tissue", relaxation),
+        relaxing(tip, relaxation),
         contacts(tip, masses, contact_stiffness, kBodyCount, 0, 1),
         contact(contacts),
         friction(contacts) {
@@ -118,8 +118,7 @@ struct Fingertip::Rig {
     plate = std::make_unique<ShapeGeometry>(shape);
     contacts.set_object(0, plate.get(), 0, 1, ContactObject::fixed);
     attachments = std::make_unique<SkeletonTissue>(tip, state.layout());
-    std::vector<Energy*> terms{&inertia, &tissue, attachments.get(), &contact, &friction};
-    terms.insert(terms.end(), more_terms.begin(), more_terms.end());
+    std::vector<Energy*> terms{&inertia, &tissue, &relaxing, attachments.get(), &contact, &friction};
     SolverOptions options;
     options.max_iterations = 200;
     options.residual_tolerance = 1e-7;
@@ -139,6 +138,7 @@ struct Fingertip::Rig {
   double lowest = std::numeric_limits<double>::infinity();  // m, of the skin along the normal
   Inertia inertia;
   Tissue tissue;
+  RelaxingTissue relaxing;
   std::unique_ptr<ShapeGeometry> plate;
   std::unique_ptr<SkeletonTissue> attachments;
   ContactSet contacts;
@@ -179,10 +179,9 @@ std::vector<Press> Fingertip::press(const PulpMaterial& pulp, std::span<const do
 std::vector<double> Fingertip::force_in_time(const PulpMaterial& pulp, const RelaxationOptions& relaxation,
                                              std::span<const PlateMove> moves) const {
   const HandModel tip = with(pulp);
-  std::vector<RelaxationEnergy::Branches> weights(tip.materials.size());
-  weights[pulp_] = relaxation.pulp;
-  RelaxationEnergy branches(tip, relaxation.time_constants, weights);
-  Rig rig(tip, contact_stiffness_, {&branches});
+  PronySeries series{relaxation.time_constants, {tip.materials.size(), PronySeries::Branches{}}};
+  series.weights[pulp_] = relaxation.pulp;
+  Rig rig(tip, contact_stiffness_, series);
   std::vector<double> forces;
   double time = 0;
   for (const PlateMove& move : moves) {

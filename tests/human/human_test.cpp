@@ -77,7 +77,7 @@ TEST(Fit, FindsMaterialThatMatchesHumanForces) {
 
 // The plate is pressed in within 2 ms and held for 8 s, as in the experiments of Pawluk and Howe. After 20 ms, when the
 // tip no longer swings, the force is a constant and exponentials with two of their time constants. The first one, 4 ms,
-// is over by then. A slow press feels the elastic law alone.
+// is over by then. The first force is that of the elastic law.
 TEST(Relaxation, OfAFingertipHasTheTimeConstantsOfPeople) {
   const HandModel hand = shipped("right_1450.hand.json");
   const Fingertip tip(hand, SimulationOptions{}.contact_stiffness);
@@ -105,38 +105,52 @@ TEST(Relaxation, OfAFingertipHasTheTimeConstantsOfPeople) {
     }
     const Eigen::Vector3d parts = modes.colPivHouseholderQr().solve(values);
     const double error = (modes * parts - values).lpNorm<Eigen::Infinity>() / values[0];
-    const double rest = tip.press(pulp_of(hand), std::vector{depth})[0].force;
-    std::printf("  %.1f mm: %.3f N relax to %.3f N; parts %.3f (70 ms), %.3f (1.4 s), rest %.3f; fit within %.2f %%\n",
-                1e3 * depth, values[0], forces.back(), parts[1] / parts.sum(), parts[2] / parts.sum(),
-                parts[0] / parts.sum(), 100 * error);
-    EXPECT_LT(error, 0.01) << depth;
-    EXPECT_GT(parts[1], 0.02 * values[0]);
-    EXPECT_GT(parts[2], 0.02 * values[0]);
-    EXPECT_NEAR(forces.back(), rest, 1e-3 * rest) << "the tissue's own stiffness is the one after relaxation";
+    const double elastic = tip.press(pulp_of(hand), std::vector{depth})[0].force;
+    std::printf(
+        "  %.1f mm: %.3f N at once, %.3f N after 20 ms, %.3f N after 8 s; parts of the first: %.2f (70 ms), "
+        "%.2f (1.4 s), %.2f (constant); fit within %.2f %%\n",
+        1e3 * depth, elastic, values[0], forces.back(), parts[1] / elastic, parts[2] / elastic, parts[0] / elastic,
+        100 * error);
+    EXPECT_LT(error, 0.02) << depth;
+    EXPECT_GT(parts[1], 0.1 * elastic);
+    EXPECT_GT(parts[2], 0.1 * elastic);
+    EXPECT_GT(forces.back(), 0.25 * elastic) << "all of the pulp keeps this share, and other tissue does not relax";
   }
 }
 
-// A tap of 1.5 mm. People's fingertips dissipate 81 % of its energy (Jindrich 2003, the abstract).
-TEST(Relaxation, OfAFingertipDissipatesAPartOfATap) {
+// The share of the plate's work that the tip does not give back.
+double dissipated_share(const std::vector<PlateMove>& moves, const std::vector<double>& forces) {
+  double in = 0, out = 0;
+  for (std::size_t i = 1; i < moves.size(); ++i) {
+    const double work = 0.5 * (forces[i] + forces[i - 1]) * (moves[i].indentation - moves[i - 1].indentation);
+    (work > 0 ? in : out) += work;
+  }
+  return 1 + out / in;
+}
+
+// Two motions of 1.5 mm. A tap: pressed in within 5 ms, held, and let go within 5 ms, all within 0.1 s. And a half sine
+// of 80 ms. People's fingertips dissipate 81 % of the energy of taps, with transients below 5 ms and contacts above 100
+// ms (Jindrich 2003, the abstract).
+TEST(Relaxation, OfAFingertipDissipatesMostOfATap) {
   const HandModel hand = shipped("right_1450.hand.json");
   const Fingertip tip(hand, SimulationOptions{}.contact_stiffness);
-  constexpr int kSteps = 200;
-  constexpr double kTime = 0.08, kDepth = 1.5e-3;
+  constexpr int kSteps = 400;
+  constexpr double kTap = 0.1, kMove = 5e-3, kSine = 0.08, kDepth = 1.5e-3;
+  std::vector<PlateMove> tap, sine;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double share = static_cast<double>(i) / kSteps, time = kTap * share;
+    tap.push_back({time, kDepth * std::min({1.0, time / kMove, (kTap - time) / kMove})});
+    sine.push_back({kSine * share, kDepth * std::sin(M_PI * share)});
+  }
   double before = 0;
-  for (const double weight : {0.0, 0.5, 2.0, 8.0}) {
+  for (const double weight : {0.0, 0.1, 0.2, RelaxationOptions{}.pulp[0], 0.3}) {
     RelaxationOptions relaxation;
     relaxation.pulp = {weight, weight, weight};
-    std::vector<PlateMove> moves;
-    for (int i = 1; i <= kSteps; ++i) moves.push_back({kTime * i / kSteps, kDepth * std::sin(M_PI * i / kSteps)});
-    const std::vector<double> forces = tip.force_in_time(pulp_of(hand), relaxation, moves);
-    double in = 0, out = 0;
-    for (std::size_t i = 1; i < moves.size(); ++i) {
-      const double work = 0.5 * (forces[i] + forces[i - 1]) * (moves[i].indentation - moves[i - 1].indentation);
-      (work > 0 ? in : out) += work;
-    }
-    const double dissipated = 1 + out / in;
-    std::printf("  weights %.1f: %.1f %% of the energy of a tap, %.2f N at most\n", weight, 100 * dissipated,
-                *std::ranges::max_element(forces));
+    const std::vector<double> forces = tip.force_in_time(pulp_of(hand), relaxation, tap);
+    const double dissipated = dissipated_share(tap, forces);
+    std::printf("  weights %.2f: %.1f %% of the energy of a tap, %.2f N at most; %.1f %% of that of a half sine\n",
+                weight, 100 * dissipated, *std::ranges::max_element(forces),
+                100 * dissipated_share(sine, tip.force_in_time(pulp_of(hand), relaxation, sine)));
     EXPECT_GT(dissipated, before);
     before = dissipated;
   }

@@ -1,6 +1,7 @@
 // Tissue that is inverted, twisted or collapsed, and skin on the wrong side of an object: the hand recovers.
 #include <gtest/gtest.h>
 
+#include <array>
 #include <cmath>
 #include <vector>
 
@@ -80,20 +81,21 @@ TEST(Untangler, MemoryRepeatsTheBits) {
   const State rest = HandSimulation(model, options(), 0, 0).state();
   Tissue tissue(model);
   SkeletonTissue attachments(model, rest.layout());
+  const std::array<const Energy*, 2> energies{&tissue, &attachments};
   for (double distance = 0.1; distance > 1e-3; distance *= 0.7) {
     State tangled = rest;
     tangled.node_positions.col(0) += distance * Vector3(0.48, 0.6, 0.64);
     Untangler first(model, 0.1), loaded(model, 0.1), fresh(model, 0.1);
-    if (first.full_check(tangled, nullptr, 0, tissue, attachments) > 0) continue;  // so much energy is put back at once
+    if (first.full_check(tangled, nullptr, 0, tissue, energies) > 0) continue;  // so much energy is put back at once
     loaded.load(first.save());
     State one = tangled, two = tangled, three = tangled;
-    const int moved = first.full_check(one, nullptr, 0, tissue, attachments);
+    const int moved = first.full_check(one, nullptr, 0, tissue, energies);
     if (moved == 0) continue;
-    EXPECT_EQ(loaded.full_check(two, nullptr, 0, tissue, attachments), moved);
+    EXPECT_EQ(loaded.full_check(two, nullptr, 0, tissue, energies), moved);
     EXPECT_EQ((one.node_positions - two.node_positions).cwiseAbs().maxCoeff(), 0);
     EXPECT_EQ(loaded.save().tangled, first.save().tangled);
     EXPECT_EQ(loaded.save().wait, first.save().wait);
-    EXPECT_EQ(fresh.full_check(three, nullptr, 0, tissue, attachments), 0);
+    EXPECT_EQ(fresh.full_check(three, nullptr, 0, tissue, energies), 0);
     first.load(loaded.save());
     first.reset();
     EXPECT_EQ(first.save().tangled, std::vector<std::uint8_t>(model.tetrahedra.size(), 0));
@@ -237,8 +239,9 @@ TEST(Untangler, KeepsTheContactsOfOtherTissue) {
   const Eigen::Matrix3Xd torn = state.node_positions;
   Tissue tissue(hand);
   SkeletonTissue attachments(hand, state.layout());
+  const std::array<const Energy*, 2> energies{&tissue, &attachments};
   Untangler untangler(hand, 0.1);
-  EXPECT_GT(untangler.quick_check(state, &contacts, tissue, attachments), 0);
+  EXPECT_GT(untangler.quick_check(state, &contacts, tissue, energies), 0);
   EXPECT_EQ(contacts.count(), count);
   for (const ContactSet::Anchor& anchor : contacts.anchors()) {
     const std::int32_t node = contacts.points().main_node(anchor.point);
