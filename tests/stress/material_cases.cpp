@@ -67,8 +67,9 @@ double inverted_share(const HandModel& hand, const Eigen::Matrix3Xd& x) {
 Vector3 middle_of(const State& state) { return state.node_positions.rowwise().mean(); }
 
 // Moves every node by a linear map about the centre of the tissue.
-Findings mapped(const Matrix3& map, double noise = 0) {
+Findings mapped(const Matrix3& map, double noise = 0, const SimulationOptions& options = {}) {
   Release release;
+  release.options = options;
   release.disturb = [&](State& state) {
     const Vector3 middle = middle_of(state);
     testing::Random random(7);
@@ -81,6 +82,44 @@ Findings mapped(const Matrix3& map, double noise = 0) {
 }
 
 Matrix3 diagonal(double x, double y, double z) { return Vector3(x, y, z).asDiagonal(); }
+
+// All of the tissue keeps a tenth of its stress.
+SimulationOptions most_relaxes() {
+  SimulationOptions options;
+  options.relaxation.active = true;
+  options.relaxation.pulp = options.relaxation.palm = options.relaxation.back =
+      options.relaxation.knuckle = {0.3, 0.3, 0.3};
+  return options;
+}
+
+// The hand moves by `depth` into a table within 0.1 s, stays for 0.5 s, and returns as fast.
+Findings pressed_and_let_go(double depth) {
+  constexpr double kMove = 0.1, kHold = 0.5;
+  Event event;
+  event.options = most_relaxes();
+  event.seconds = 1.5;
+  event.object.shape = box_shape({0.3, 0.01, 0.3});
+  const double lowest = pad_of(event.hand, Finger::middle).y();
+  event.object.pose.position = {0, lowest - 0.012, -0.1};
+  event.bones = [depth](double time) {
+    const double share = std::clamp(std::min(time, 2 * kMove + kHold - time) / kMove, 0.0, 1.0);
+    const double speed = share <= 0 || share >= 1 ? 0 : (time < kMove ? -1 : 1) * depth / kMove;
+    return Displacement{{0, -(0.002 + depth) * share, 0}, {0, speed, 0}};
+  };
+  return run(event);
+}
+
+// A pinch, while all of the tissue relaxes by `share` with each time constant.
+Findings relaxing_grasp(double share, const std::string& time_constants, bool held) {
+  Grasp setting;
+  setting.held = held;
+  setting.overrides = {"hand.simulation.relaxation.active=true",
+                       "hand.simulation.relaxation.time_constants=" + time_constants};
+  for (const char* material : {"pulp", "palm", "back", "knuckle"})
+    setting.overrides.push_back(
+        fmt::format("hand.simulation.relaxation.{}=[{}, {}, {}]", material, share, share, share));
+  return share < 1.0 / 3 ? grasp_findings(setting) : refused(setting);
+}
 
 // Reflects one node of a tetrahedron through the opposite face.
 Findings reflected_node() {
@@ -220,6 +259,24 @@ std::vector<Case> material_cases() {
   }
   for (const double energy : {0.0, -1.0, nan})
     rows->push_back({named("W_max", energy, "J/m^3"), [energy] { return refused_strain_limit(energy); }, {}, true});
+
+  const std::string times = "[0.004, 0.07, 1.4]";
+  rows = &cases.add("relaxation",
+                    "all of the tissue relaxes by a share of the stress with each of three time constants; the cube is "
+                    "lifted and held, and disturbed tissue recovers");
+  for (const double share : {0.1, 0.25, 0.33})
+    rows->push_back({named("share", share), [=] { return relaxing_grasp(share, times, true); }, {}, share == 0.25});
+  rows->push_back({"share = 0.34", [=] { return relaxing_grasp(0.34, times, true); }, {}, true});
+  rows->push_back({"0.1 ms each", [] { return relaxing_grasp(0.25, "[1e-4, 1e-4, 1e-4]", true); }});
+  rows->push_back({"1000 s each", [] { return relaxing_grasp(0.25, "[1000, 1000, 1000]", true); }});
+  rows->push_back({"share = 0.3, mirrored", [] { return mapped(diagonal(1, 1, -1), 0, most_relaxes()); }, {}, true});
+  rows->push_back({"share = 0.3, to a point", [] { return mapped(Matrix3::Zero(), 0, most_relaxes()); }});
+  rows->push_back({"share = 0.3, x 5 along the hand", [] { return mapped(diagonal(1, 1, 5), 0, most_relaxes()); }});
+  for (const double depth : {5e-3, 15e-3})
+    rows->push_back(
+        {fmt::format("share = 0.3, pressed by {:g} mm", 1e3 * depth), [=] { return pressed_and_let_go(depth); }});
+  rows->push_back(
+      {"share = 0.3, x 0.05 through the hand", [] { return mapped(diagonal(1, 0.05, 1), 0, most_relaxes()); }});
 
   cases.add("reflected_node", "recovers").push_back({"one node", [] { return reflected_node(); }, {}, true});
   rows = &cases.add("inverted", "recovers");
