@@ -32,7 +32,7 @@ IncrementalPotential::IncrementalPotential(std::vector<Energy*> terms, DofLayout
   changed_.reserve(2 * static_cast<std::size_t>(hessian_.stored_blocks()));
   for (std::size_t t = 0; t < terms_.size(); ++t) {
     const bool is_potential = terms_[t]->is_potential();
-    if (!is_potential && terms_[t]->needed_bodies() > 0) continue;
+    if (!is_potential && terms_[t]->needed_bodies() > 0) continue;  // it is cheap
     BlockPattern touched(layout_.block_count(), layout_.border_count());
     terms_[t]->add_pattern(touched);
     potential_blocks_ += static_cast<double>(touched.lower_triangle().size());

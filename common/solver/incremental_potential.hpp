@@ -24,7 +24,7 @@ class IncrementalPotential {
   IncrementalPotential(std::vector<Energy*> terms, DofLayout layout, const SolverOptions& options);
 
   DofLayout layout() const { return layout_; }
-  /// Stored blocks of the potentials.
+  /// Stored blocks of the potentials and of other terms of nodes alone.
   double potential_blocks() const { return potential_blocks_; }
   std::span<Energy* const> kinked() const { return kinked_; }
   /// The kind of the Hessian of terms with kinks. The other terms may be exact (`tries_exact`).

@@ -11,7 +11,7 @@ namespace softhand {
 
 /// The sizes that determine the cost of the parts of a step.
 struct ScenePattern {
-  /// Stored blocks of the terms that depend only on the state: tissue, attachments, joints.
+  /// Stored blocks of tissue, attachments and joints.
   double potential_blocks = 0;
   double factor_operations = 0;  ///< floating-point operations of one factorisation
   double factor_entries = 0;     ///< stored numbers of the factor

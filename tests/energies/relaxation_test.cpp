@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <stdexcept>
 #include <vector>
@@ -15,6 +16,8 @@
 #include "energies/tissue.hpp"
 #include "math/instruction_set.hpp"
 #include "math/rotation.hpp"
+#include "solver/incremental_potential.hpp"
+#include "solver/step_report.hpp"
 #include "support/box_mesh.hpp"
 
 namespace softhand::relaxation_test {
@@ -384,6 +387,37 @@ TEST(Relaxation, ElementsAroundNodesRelaxToo) {
   HelperThread helper;
   tissue.use(helper);
   EXPECT_EQ(tissue.value(end), value);
+}
+
+// A few nodes are moved with all that they strain, and the rest of the Hessian is the inertia alone.
+TEST(Relaxation, IsATermOfNodesForTheSolver) {
+  const HandModel hand = two_tetrahedra();
+  const PronySeries series{kTimes, {kWeights, kNone}};
+  constexpr double kMass = 1e-4;
+  Inertia inertia(std::vector<double>(5, kMass), 0);
+  Tissue tissue(hand, widest_instruction_set(), "tissue", series);
+  RelaxingTissue relaxing_tissue(hand, series);
+  State state = at_rest(hand);
+  IncrementalPotential potential({&inertia, &tissue, &relaxing_tissue}, state.layout(), SolverOptions{});
+  const StepWork prices;
+  const std::function<double()> clock = [] { return 0.0; };
+  StepMeter meter(prices, clock);
+  potential.begin_step(state, kTimeStep);
+  const State end = testing::perturbed(state, 8, 1e-3, 1);
+  ASSERT_TRUE(potential.evaluate(end, meter, {.hessian = true}));
+  ASSERT_TRUE(potential.knows_other_stiffness());
+  const std::vector<std::int32_t> nodes{0, 1, 2, 3, 4};
+  VectorX gradient = VectorX::Zero(15);
+  std::vector<double> blocks(9 * 16, 0.0);
+  const Energy::Around around = potential.add_around(nodes, end, gradient.data(), blocks.data());
+  const double value = tissue.value(end) + relaxing_tissue.value(end);
+  EXPECT_NEAR(around.energy, value, 1e-12 * value);
+  EXPECT_EQ(around.share, 1);
+  const double expected = kMass / (kTimeStep * kTimeStep);
+  for (const std::int32_t n : nodes) {
+    const Matrix3 other = potential.other_stiffness(potential.hessian().find(n, n).index);
+    EXPECT_LE((other - expected * Matrix3::Identity()).norm(), 1e-6 * expected) << n;
+  }
 }
 
 TEST(Relaxation, RefusesBadNumbers) {
