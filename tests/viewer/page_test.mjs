@@ -70,11 +70,11 @@ async function still() {
   return last;
 }
 /**
- * True if steps back change a paused picture. The hand sways, so it may be at the same place 12 samples earlier. Then
- * it is not there 24 samples earlier.
+ * True if steps back change a paused picture. The hand sways. So 12 samples earlier it may have been at its turning
+ * point, a few millimetres away, and another 12 samples earlier at the same place. Then it was elsewhere before.
  */
 async function stepsBackChange(paused) {
-  for (let i = 0; i < 2; ++i) {
+  for (let i = 0; i < 3; ++i) {
     for (let j = 0; j < 12; ++j) await page.keyboard.down(",");
     await page.keyboard.up(",");
     await drawn();
