@@ -15,6 +15,8 @@
 #include <Eigen/Dense>
 #include <cstdint>
 #include <random>
+#include <string>
+#include <vector>
 
 #include "energies/energy.hpp"
 #include "math/rotation.hpp"
@@ -258,6 +260,28 @@ inline void check_rigid_motion(const Energy& term, const State& state, const Pos
   }
   EXPECT_NEAR(term.value(moved), term.value(state), tolerance * std::abs(term.value(state)));
   EXPECT_LE((after - before).lpNorm<Eigen::Infinity>(), tolerance * before.lpNorm<Eigen::Infinity>());
+}
+
+/// `add_around` of some nodes gives their part of gradient and projected Hessian. Returns its result.
+inline Energy::Around check_around(Energy& term, const State& state, const std::vector<std::int32_t>& nodes) {
+  SCOPED_TRACE(std::string(term.name()));
+  BlockMatrix matrix = bound_matrix(term, state);
+  VectorX part = VectorX::Zero(3 * static_cast<Eigen::Index>(nodes.size()));
+  VectorX whole = VectorX::Zero(state.layout().dof_count());
+  std::vector<double> blocks(9 * (nodes.size() * (nodes.size() + 1) / 2 + 1), 0.0);
+  const Energy::Around around = term.add_around(nodes, state, part.data(), blocks.data());
+  term.add_gradient(state, whole);
+  term.add_hessian(state, matrix, Curvature::projected);
+  const Eigen::MatrixXd dense = matrix.dense();
+  const double* block = blocks.data();
+  for (std::size_t j = 0; j < nodes.size(); ++j) {
+    EXPECT_LE((part.segment<3>(3 * static_cast<int>(j)) - whole.segment<3>(3 * nodes[j])).norm(), 1e-13 * whole.norm());
+    for (std::size_t i = 0; i <= j; ++i, block += 9) {
+      const Matrix3 expected = dense.block<3, 3>(3 * nodes[j], 3 * nodes[i]);
+      EXPECT_LE((Eigen::Map<const Matrix3>(block) - expected).norm(), 1e-13 * dense.norm()) << j << ' ' << i;
+    }
+  }
+  return around;
 }
 
 }  // namespace softhand::testing

@@ -369,21 +369,8 @@ TEST(Relaxation, ElementsAroundNodesRelaxToo) {
   step_to(tissue, state, testing::perturbed(state, 5, 1e-3, 1));
   tissue.begin_step(state, kTimeStep);
   const State end = testing::perturbed(state, 6, 1e-3, 1);
-  BlockMatrix matrix = testing::bound_matrix(tissue, end);
-  const std::vector<std::int32_t> nodes{2, 3, 7, 20, 41};
-  VectorX part = VectorX::Zero(15), whole = VectorX::Zero(3 * hand.node_count());
-  std::vector<double> blocks(9 * 16, 0.0);
-  tissue.add_around(nodes, end, part.data(), blocks.data());
-  const double value = tissue.add_all(end, whole, matrix, Curvature::projected);
-  const Eigen::MatrixXd dense = matrix.dense();
-  const double* block = blocks.data();
-  for (std::size_t j = 0; j < nodes.size(); ++j) {
-    EXPECT_LE((part.segment<3>(3 * static_cast<int>(j)) - whole.segment<3>(3 * nodes[j])).norm(), 1e-13 * whole.norm());
-    for (std::size_t i = 0; i <= j; ++i, block += 9) {
-      const Matrix3 expected = dense.block<3, 3>(3 * nodes[j], 3 * nodes[i]);
-      EXPECT_LE((Eigen::Map<const Matrix3>(block) - expected).norm(), 1e-13 * dense.norm()) << j << ' ' << i;
-    }
-  }
+  testing::check_around(tissue, end, {2, 3, 7, 20, 41});
+  const double value = tissue.value(end);
   HelperThread helper;
   tissue.use(helper);
   EXPECT_EQ(tissue.value(end), value);

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
 
 #include "energies/derivative_suite.hpp"
@@ -212,36 +213,19 @@ TEST(Tissue, ElementsAroundNodesHaveTheirPartOfTheDerivatives) {
   State state = testing::rest_state(box);
   Random random(5);
   for (int n = 0; n < box.node_count(); ++n) state.node_positions.col(n) += 0.002 * random.vector();
-  BlockMatrix matrix = testing::bound_matrix(tissue, state);
   const std::vector<std::int32_t> nodes{2, 3, 7, 20, 41};
-  const auto size = 3 * static_cast<Eigen::Index>(nodes.size());
-  const auto around = [&](VectorX& gradient, std::vector<double>& blocks) {
-    gradient = VectorX::Zero(size);
-    blocks.assign(9 * (nodes.size() * (nodes.size() + 1) / 2 + 1), 0.0);
-    return tissue.add_around(nodes, state, gradient.data(), blocks.data());
-  };
-  VectorX part, whole = VectorX::Zero(3 * box.node_count());
-  std::vector<double> blocks;
-  const Energy::Around before = around(part, blocks);
+  const Energy::Around before = testing::check_around(tissue, state, nodes);
   EXPECT_GT(before.share, 0);
   EXPECT_LT(before.share, 1);
-  const double value = tissue.add_gradient(state, whole);
-  tissue.add_hessian(state, matrix, Curvature::projected);
-  const Eigen::MatrixXd dense = matrix.dense();
-  const double* block = blocks.data();
-  for (std::size_t j = 0; j < nodes.size(); ++j) {
-    EXPECT_LE((part.segment<3>(3 * static_cast<int>(j)) - whole.segment<3>(3 * nodes[j])).norm(), 1e-13 * whole.norm());
-    for (std::size_t i = 0; i <= j; ++i, block += 9) {
-      const Matrix3 expected = dense.block<3, 3>(3 * nodes[j], 3 * nodes[i]);
-      EXPECT_LE((Eigen::Map<const Matrix3>(block) - expected).norm(), 1e-13 * dense.norm()) << j << ' ' << i;
-    }
-  }
+  const double value = tissue.value(state);
   for (const std::int32_t node : nodes) state.node_positions.col(node) += 0.001 * random.vector();
-  const Energy::Around after = around(part, blocks);
+  const Energy::Around after = testing::check_around(tissue, state, nodes);
   EXPECT_NEAR(after.energy - before.energy, tissue.value(state) - value, 1e-13 * value);
   EXPECT_EQ(after.share, before.share);
   const std::vector<std::int32_t> foreign{box.node_count()};  // a node of another part of the scene
-  EXPECT_EQ(tissue.add_around(foreign, state, part.data(), blocks.data()).share, 0);
+  std::array<double, 3> gradient{};
+  std::array<double, 18> blocks{};
+  EXPECT_EQ(tissue.add_around(foreign, state, gradient.data(), blocks.data()).share, 0);
 }
 
 TEST(Tissue, RestIsStationaryAndRotationFree) {
