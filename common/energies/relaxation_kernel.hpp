@@ -39,20 +39,15 @@ struct RelaxationDecay {
   double early = 0;  ///< g - e^-a
 };
 
-/// Sums over elements, J.
-struct RelaxationSums {
-  double value = 0;   ///< of the step's function at its end
-  double stored = 0;  ///< by the lasting stress
-};
-
 /// `positions`: three per node, metres. `memory`: `kMemoryBatch` numbers per batch.
 struct RelaxationKernel {
   /// Sets the function of a step that begins at `positions`.
   void (*begin)(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, const double* memory,
                 const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]);
-  /// Moves the memory to the step's end. Sets the function of a next step that begins there and lasts as long.
-  RelaxationSums (*end)(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, double* memory,
-                        const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]);
+  /// Moves the memory to the step's end. Sets the function of a next step that begins there and lasts as long. Returns
+  /// what the lasting stress stores, J.
+  double (*end)(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, double* memory,
+                const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]);
 };
 
 /// The kernel for `set`. If this build has none (other architecture), the baseline's kernel.

@@ -118,13 +118,10 @@ void relaxation_begin(const TissueBatch* tissue, RelaxationBatch* batches, std::
 
 SOFTHAND_INLINE void end_lanes(const TissueBatch& tissue, RelaxationBatch& batch, std::size_t first, double* memory,
                                const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches],
-                               double (&value)[kElementBatch], double (&stored)[kElementBatch]) {
+                               double (&stored)[kElementBatch]) {
   const ElasticPoint end = elastic_point(tissue, first, positions);
-  Lanes start[6], relaxed[6];
+  Lanes start[6];
   load_tensor(batch.elastic_stress[0] + first, start);
-  load_tensor(batch.stress[0] + first, relaxed);
-  store(value + first, load_lanes(batch.volume + first) * end.density + product(relaxed, end.strain) +
-                           load_lanes(batch.constant + first));
   for (std::size_t i = 0; i < kRelaxationBranches; ++i) {
     double* const of_branch = memory + 6 * i * kElementBatch;
     Lanes d[6];
@@ -137,10 +134,10 @@ SOFTHAND_INLINE void end_lanes(const TissueBatch& tissue, RelaxationBatch& batch
   store(stored + first, begin_lanes(tissue, batch, first, memory, end, decay));
 }
 
-RelaxationSums relaxation_end(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, double* memory,
-                              const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]) {
-  RelaxationSums sums;
-  alignas(64) double value[kElementBatch], stored[kElementBatch];
+double relaxation_end(const TissueBatch* tissue, RelaxationBatch* batches, std::size_t count, double* memory,
+                      const double* positions, const RelaxationDecay (&decay)[kRelaxationBranches]) {
+  double sum = 0;
+  alignas(64) double stored[kElementBatch];
   for (std::size_t b = 0; b < count; ++b, memory += kMemoryBatch) {
     if (b + 1 < count) {
       const RelaxationBatch& next = batches[b + 1];
@@ -155,14 +152,11 @@ RelaxationSums relaxation_end(const TissueBatch* tissue, RelaxationBatch* batche
       prefetch(*reinterpret_cast<const double(*)[kMemoryBatch]>(memory + kMemoryBatch));
     }
     for (std::size_t first = 0; first < kElementBatch; first += kLanes)
-      end_lanes(tissue[b], batches[b], first, memory + first, positions, decay, value, stored);
-    // In the order of the elements, so the sums do not depend on the width of the vectors.
-    for (std::size_t lane = 0; lane < tissue[b].count; ++lane) {
-      sums.value += value[lane];
-      sums.stored += stored[lane];
-    }
+      end_lanes(tissue[b], batches[b], first, memory + first, positions, decay, stored);
+    // In the order of the elements, so the sum does not depend on the width of the vectors.
+    for (std::size_t lane = 0; lane < tissue[b].count; ++lane) sum += stored[lane];
   }
-  return sums;
+  return sum;
 }
 
 }  // namespace

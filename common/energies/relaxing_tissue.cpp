@@ -70,25 +70,20 @@ void RelaxingTissue::begin_step(const State& state, double time_step) {
 
 void RelaxingTissue::end_step(State& state) {
   in_step_ = false;
-  sums_ = kernel_.end(elements_.batches().data(), batches_.data(), batches_.size(), memory_.mean_stresses.data(),
-                      state.node_positions.data(), decay_);
-  memory_.work += put_in_ + sums_.value - sums_.stored;
+  stored_ = kernel_.end(elements_.batches().data(), batches_.data(), batches_.size(), memory_.mean_stresses.data(),
+                        state.node_positions.data(), decay_);
   memory_.fresh = false;
   begun_positions_ = state.node_positions.leftCols(begun_positions_.cols());
 }
 
 EnergyFlow RelaxingTissue::flow(double start, double end, double taken) const {
-  return {.stored = sums_.stored,
-          .work = put_in_,
-          .damping = put_in_ + end - sums_.stored,
-          .integrator = start - end + taken};
+  return {.stored = stored_, .work = put_in_, .damping = put_in_ + end - stored_, .integrator = start - end + taken};
 }
 
 void RelaxingTissue::load(const Memory& memory) {
   if (memory.mean_stresses.size() != memory_.mean_stresses.size())
     throw std::invalid_argument("RelaxingTissue: the memory is that of other tissue");
   std::copy(memory.mean_stresses.begin(), memory.mean_stresses.end(), memory_.mean_stresses.begin());
-  memory_.work = memory.work;
   memory_.fresh = memory.fresh;
   begun_time_step_ = 0;
 }
@@ -109,7 +104,6 @@ void RelaxingTissue::reset_moved(const State& state) {
 
 void RelaxingTissue::reset() {
   std::fill(memory_.mean_stresses.begin(), memory_.mean_stresses.end(), 0.0);
-  memory_.work = 0;
   memory_.fresh = true;
   begun_time_step_ = 0;
 }

@@ -13,7 +13,8 @@
 //   U = gamma W(F) + A : E + const,   E = (F^T F - 1)/2
 //   gamma = 1 - sum c (1 - g),   A = -sum c (e^-a d + (g - e^-a) S_e)
 //
-// So within a step the tissue has its own law with a factor, and a constant stress A in addition (tissue_kernel.hpp).
+// So within a step the tissue has its own law with a factor, and a constant stress A in addition.
+// tissue_kernel_source.hpp computes both, and says how their Hessian is projected.
 // Green's strain E makes U invariant under rotations, so force and torque balance exactly.
 //
 // S_e is bounded for flat and inverted tissue, and for tissue with a sum of principal strains above 2 mu/lambda
@@ -56,7 +57,6 @@ class RelaxingTissue final : public EnergyWithMemory<RelaxingTissue> {
 
   struct Memory {
     std::vector<double> mean_stresses;  // d, Pa, batch by batch
-    double work = 0;                    // J, that the branches took: heat, and what they will give back
     bool fresh = true;                  // no step yet: the first one finds the tissue strained at once
   };
   const Memory& save() const { return memory_; }
@@ -104,7 +104,7 @@ class RelaxingTissue final : public EnergyWithMemory<RelaxingTissue> {
   // end of a step sets that of the next one, because it knows the stress.
   double begun_time_step_ = 0;
   Eigen::Matrix3Xd begun_positions_;
-  RelaxationSums sums_;
+  double stored_ = 0;  // J, by the lasting stress, at the end of the last step
   double put_in_ = 0;  // J, held by the branches at the start of the first step
   Memory memory_;
 };

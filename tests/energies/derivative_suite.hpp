@@ -1,8 +1,6 @@
-// Checks that every energy term must pass at any state.
-// - Derivatives agree with finite differences.
-// - The Hessian is symmetric, and the projected Hessian is positive semi-definite.
-// - The Hessian stays in the declared pattern.
-// - Internal forces balance.
+// Checks that every energy term must pass at any state. Derivatives agree with finite differences. The Hessian is
+// symmetric, and the projected Hessian is positive semi-definite. The Hessian stays in the declared pattern. Internal
+// forces balance.
 //
 // The second derivative is that of U(state (+) delta) at delta = 0. Here `(+)` is `apply_increment`. A term's gradient
 // at state (+) delta is taken with respect to a *new* increment there. So for rotations it is pulled back to delta

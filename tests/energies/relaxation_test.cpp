@@ -209,7 +209,6 @@ TEST_P(RelaxationCycle, TakesEnergyAndTheLedgerBalances) {
   EXPECT_GT(work, 1e-5);
   EXPECT_GE(least, -1e-9) << "the tissue gave energy that nobody put in";
   EXPECT_NEAR(stored, 0, 1e-15);
-  EXPECT_NEAR(tissue.save().work, damped, 1e-9 * damped);
   EXPECT_NEAR(work, damped, 1e-2 * work);
   EXPECT_LE(std::abs(lost), 1e-2 * work) << "the steps are long";
 }
@@ -234,7 +233,6 @@ TEST(Relaxation, DampsAFreeBlock) {
       if (i >= 400) fastest = std::max(fastest, state.node_velocities.norm());
     }
     speed[relaxes] = fastest;
-    EXPECT_EQ(relaxing_tissue.save().work > 0, relaxes);
   }
   EXPECT_LT(speed[1], 0.7 * speed[0]);
 }
@@ -332,6 +330,27 @@ TEST(Relaxation, EachTetrahedronBelongsToOneTerm) {
   }
 }
 
+// Tissue that starts strained holds its elastic energy. The share of the branches counts as put in.
+TEST(Relaxation, CountsWhatTheBranchesHoldAtTheStart) {
+  const HandModel hand = two_tetrahedra();
+  RelaxingTissue tissue = relaxing(hand, {kWeights, kWeights});
+  State state = testing::perturbed(at_rest(hand), 4, 1e-3, 1);
+  const double held = tissue.value(state);
+  double work = 0, damped = 0, stored = 0;
+  for (int i = 0; i < 2000; ++i) {
+    tissue.begin_step(state, kTimeStep);
+    const double start = tissue.value(state);
+    tissue.end_step(state);
+    const EnergyFlow flow = tissue.flow(start, start, 0);
+    work += flow.work;
+    damped += flow.damping;
+    stored = flow.stored;
+  }
+  EXPECT_NEAR(work, 0.75 * held, 1e-9 * held);
+  EXPECT_NEAR(damped, work, 1e-9 * held);
+  EXPECT_NEAR(stored, 0.25 * held, 1e-9 * held);
+}
+
 // A block of more than one batch, half of which relaxes.
 TEST(Relaxation, EachInstructionSetGivesTheSameBits) {
   HandModel hand = testing::box_mesh({3, 3, 3}, Vector3(0.02, 0.02, 0.02), two_tetrahedra().materials[0]);
@@ -352,10 +371,9 @@ TEST(Relaxation, EachInstructionSetGivesTheSameBits) {
       results.push_back(step_to(tissue, state, next).squaredNorm());
       results.push_back(tissue.flow(0, 0, 0).stored);
     }
-    results.push_back(tissue.save().work);
     EXPECT_NE(results.back(), 0);
-    const std::vector<double> of_set(results.end() - 7, results.end());
-    EXPECT_EQ(of_set, std::vector<double>(results.begin(), results.begin() + 7)) << to_string(set);
+    const std::vector<double> of_set(results.end() - 6, results.end());
+    EXPECT_EQ(of_set, std::vector<double>(results.begin(), results.begin() + 6)) << to_string(set);
   }
 }
 

@@ -375,8 +375,7 @@ std::vector<Case> material_cases() {
        patch_test},
       {"rotation", "no force under any rotation", rotations, rotation},
       {"relaxation",
-       "S = c_0 r T + sum c r tau (1 - e^(-T/tau)) e^(-(t - T)/tau) after a ramp of the elastic stress at the rate r "
-       "for T",
+       "the elastic stress rises at the rate r for T. S = c_0 r T + sum c r tau (1 - e^(-T/tau)) e^(-(t - T)/tau)",
        {brick_row("ramp", 0.02), brick_row("ramp", 0.1), brick_row("ramp", 1)},
        relaxation},
   };
