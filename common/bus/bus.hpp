@@ -58,7 +58,7 @@ using SecondWriterText = decltype(LoopStatus::second_writer);
 class Participant {
  public:
   /// `name` appears in discovery tools. `rig` is the name of the rig that this process holds, for its peers. `role` is
-  /// one of `kRoles`: the identity in a secured domain.
+  /// one of `kRoles`: the identity in a secured domain. Throws std::runtime_error if it cannot join the domain.
   explicit Participant(const std::string& name, int domain = domain_from_environment(), const std::string& rig = {},
                        const std::string& role = "client", const Network& network = network_from_environment());
   /// For `Stamp::epoch` of all that this process writes. Peers know the process by this number.

@@ -1,17 +1,23 @@
 #include "bus/qos.hpp"
 
+#include <arpa/inet.h>
 #include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
 #include <fastrtps/utils/IPLocator.h>
+#include <netinet/in.h>
 #include <sys/random.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <bitset>
+#include <cerrno>
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
+#include <string>
 
 namespace softhand::bus::detail {
 namespace {
@@ -54,6 +60,27 @@ rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
   rtps::IPLocator::setIPv4(out, address);
   out.port = port;
   return out;
+}
+
+constexpr const char* kGroup = "239.255.0.1";  // multicast group of discovery
+
+/// Throws std::runtime_error if another program has the port through which processes find each other. Participants
+/// share this port. Fast DDS 2.9 only logs that it cannot open it, and the process would hear nobody.
+void require_shared_port(const std::string& address, std::uint32_t port, int domain) {
+  const int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  const int yes = 1;
+  sockaddr_in to{};
+  to.sin_family = AF_INET;
+  to.sin_port = htons(static_cast<std::uint16_t>(port));
+  const bool can_bind = inet_pton(AF_INET, address.c_str(), &to.sin_addr) == 1 &&
+                        setsockopt(probe, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) == 0 &&
+                        bind(probe, reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0;
+  const bool is_taken = !can_bind && errno == EADDRINUSE;
+  close(probe);
+  if (is_taken)
+    throw std::runtime_error(
+        "DDS: cannot join domain " + std::to_string(domain) + ": another program has UDP port " + std::to_string(port) +
+        "; expected another domain, best one of 0..100: Linux gives their ports only to programs that ask for them");
 }
 
 template <typename Qos>
@@ -150,7 +177,12 @@ void apply_network(dds::DomainParticipantQos& qos, const Network& network, int d
   // The multicast group reaches all participants. The group's port must be set here. A peer without a port stands for
   // the unicast ports of the first few participants: this finds Cyclone if multicast is off.
   const auto number = static_cast<std::uint32_t>(domain);
-  if (multicast) discovery.initialPeersList.push_back(locator("239.255.0.1", wire.port.getMulticastPort(number)));
+  if (multicast) {
+    const std::uint32_t port = wire.port.getMulticastPort(number);
+    require_shared_port(kGroup, port, domain);
+    for (const std::string& address : network.addresses) require_shared_port(address, port, domain);
+    discovery.initialPeersList.push_back(locator(kGroup, port));
+  }
   for (const auto* list : {&network.addresses, &network.peers}) {
     for (const std::string& address : *list) {
       discovery.initialPeersList.push_back(locator(address));

@@ -1,10 +1,16 @@
 // The bus over real DDS: what arrives, and who is there.
 #include "bus/bus.hpp"
 
+#include <arpa/inet.h>
 #include <gtest/gtest.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <cstdlib>
+#include <stdexcept>
+#include <string>
 
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
@@ -237,6 +243,29 @@ TEST(Bus, DomainComesFromTheEnvironment) {
     setenv("SOFTHAND_DOMAIN", bad, 1);
     EXPECT_THROW(domain_from_environment(), std::runtime_error) << bad;
   }
+}
+
+// Such a process would hear nobody. Both addresses are those of Fast DDS on the loopback interface.
+TEST(Bus, APortOfDiscoveryThatAnotherProgramHasIsAnError) {
+  const int domain = testing::own_domain();
+  for (const char* address : {"0.0.0.0", "127.0.0.1", "239.255.0.1"}) {
+    const int other = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    sockaddr_in to{};
+    to.sin_family = AF_INET;
+    to.sin_port = htons(static_cast<std::uint16_t>(7400 + 250 * domain));
+    ASSERT_EQ(inet_pton(AF_INET, address, &to.sin_addr), 1);
+    ASSERT_EQ(bind(other, reinterpret_cast<const sockaddr*>(&to), sizeof to), 0) << address;
+    try {
+      const Participant refused("refused", domain);
+      ADD_FAILURE() << address;
+    } catch (const std::runtime_error& error) {
+      const std::string port = "UDP port " + std::to_string(7400 + 250 * domain);
+      EXPECT_NE(std::string(error.what()).find(port), std::string::npos) << error.what();
+    }
+    close(other);
+  }
+  const Participant joined("joined", domain), second("second", domain);
+  EXPECT_TRUE(eventually([&] { return joined.peers().size() == 1; }));
 }
 
 TEST(Bus, PeersHaveNamesHostsAndRigs) {
