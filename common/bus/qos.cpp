@@ -37,6 +37,8 @@ constexpr int kProcessLeaseMs = 10000;
 // participants. Without multicast, announcements go to every port of every peer, so the range is small.
 constexpr std::uint32_t kFirstId = 33;
 constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
+// Writers of reliable topics send heartbeats with this period while a reader lacks a sample.
+constexpr int kHeartbeatMs = 50;
 // Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
 // the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
 // and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
@@ -116,6 +118,10 @@ void apply(dds::DataWriterQos& qos, const TopicRow& row) {
   // but makes the fragments only 32 bytes shorter. A fragment for a single reader then does not fit into a message: it
   // is never sent, and the writer tries again without a pause.
   qos.writer_resource_limits().reader_filters_allocation.maximum = 0;
+  // A reader notices that a sample was lost when the next heartbeat comes. Messages live for 2 s, and the default
+  // period is 3 s.
+  if (row.reliability == Reliability::reliable)
+    qos.reliable_writer_qos().times.heartbeatPeriod = milliseconds(kHeartbeatMs);
 }
 void apply(dds::DataReaderQos& qos, const TopicRow& row) { apply_row(qos, row); }
 

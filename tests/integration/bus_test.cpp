@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <string>
 
+#include "bus/qos.hpp"
 #include "integration/bus_harness.hpp"
 #include "messages/convert.hpp"
 #include "support/wall_clock.hpp"
@@ -266,6 +267,16 @@ TEST(Bus, APortOfDiscoveryThatAnotherProgramHasIsAnError) {
   }
   const Participant joined("joined", domain), second("second", domain);
   EXPECT_TRUE(eventually([&] { return joined.peers().size() == 1; }));
+}
+
+// A reader hears of a loss with the next heartbeat. The message must not be too old by then.
+TEST(Bus, SeveralHeartbeatsFitIntoTheLifeOfASample) {
+  topics::for_each([](const TopicRow& row) {
+    if (row.reliability != Reliability::reliable || row.lifespan_ms == 0) return;
+    eprosima::fastdds::dds::DataWriterQos qos;
+    detail::apply(qos, row);
+    EXPECT_LE(10 * qos.reliable_writer_qos().times.heartbeatPeriod.to_ns(), 1'000'000ll * row.lifespan_ms) << row.name;
+  });
 }
 
 TEST(Bus, PeersHaveNamesHostsAndRigs) {

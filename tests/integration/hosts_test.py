@@ -117,6 +117,28 @@ NETWORKS = {
 }
 
 
+SECURED_DOMAIN = 1 + list(NETWORKS).index("secured")
+MODULES = {"hand", "tracking", "world", "tracker", "haptic", "tactile"}
+
+
+def samples_in(output):
+    """How many samples a peer received."""
+    found = re.search(r"^samples (\d+)$", output, re.MULTILINE)
+    return int(found[1]) if found else 0
+
+
+def start_the_motion(names, folder):
+    """The hand may have discovered the tracker late, in the middle of the motion. So the motion starts again."""
+    given_up = time.monotonic() + 30
+    tries, answered = 0, False
+    while not answered and time.monotonic() < given_up:
+        text, succeeded = ask(names, folder, "send", "*", "reset", "now")
+        # The command may not know a module yet.
+        answered = succeeded and MODULES <= {line.split()[0] for line in text.splitlines()}
+        tries += 1
+    check(answered, f"all modules answered reset {tries}")
+
+
 def check_networks(names, folder):
     """On each kind of network, a program on the second host reads what one on the first writes."""
     with open(os.path.join(folder, "profile.xml"), "w") as out:
@@ -147,13 +169,29 @@ def check_networks(names, folder):
             out.write(settings.communicate()[0])
         read = [CYCLONE_PEER, str(domain), "read", "bone_wrench", "6"]
         readers[f"cyclone, {network}"] = on_host(other, 0, read, folder, network, domain, **quiet)
-    for name, reader in readers.items():
-        output = reader.communicate()[0]
-        found = re.search(r"^samples (\d+)$", output, re.MULTILINE)
-        check(found and int(found[1]) > 50, f"{name}: {found[0] if found else output}")
+    outputs = {name: reader.communicate()[0] for name, reader in readers.items()}
     for writer in writers:
         writer.communicate()
     stop(server)
+    for name, host in (("fast, secured, same host", one), ("fast, secured", other)):
+        for _ in range(2):
+            if samples_in(outputs[name]) == 0:
+                print(f"        {name}: missed a pair", flush=True)
+                outputs[name] = meet_again(one, host, folder)
+    for name, output in outputs.items():
+        check(samples_in(output) > 50, f"{name}: {output.strip()}")
+
+
+def meet_again(one, other, folder):
+    """The output of a new reader on the host `other`. Fast DDS 2.9 may miss a pair of processes of a secured domain for
+    good (docs/security.md), so both processes are new."""
+    options = {"domain": SECURED_DOMAIN, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    writer = on_host(one, 0, [BUS_PEER, "hand", "write", "bone_wrench", "10"], folder, "secured", **options)
+    time.sleep(1)
+    reader = on_host(other, 0, [BUS_PEER, "client", "read", "bone_wrench", "6"], folder, "secured", **options)
+    output = reader.communicate()[0]
+    writer.communicate()
+    return output
 
 
 def check_clocks(name, text):
@@ -234,10 +272,7 @@ def main():
         given_up = time.monotonic() + 30
         while "is up" not in read(logs["devices"]) and time.monotonic() < given_up:
             time.sleep(0.05)
-        # The hand may have discovered the tracker late, in the middle of the motion. So the motion starts again.
-        given_up = time.monotonic() + 20
-        while not ask(names, folder, "send", "*", "reset", "now")[1] and time.monotonic() < given_up:
-            pass
+        start_the_motion(names, folder)
         started = time.monotonic()
         time.sleep(STATUS_AT)
         status = on_host(names["solver"], MEASURING, [f"{PROGRAMS}/softhand", "status", "--once"], folder,
@@ -265,7 +300,9 @@ def main():
         for loop in ("world", "hand", "tracking", "haptic"):
             counters = outcome["loops"].get(loop, {}).get("counters", {})
             print(loop, {key: round(counters[key], 3) for key in counters if "clock" in key or "refused_stamp" in key})
-        errors = sum(read(log).count("RTPS_WRITER") for log in logs.values())
+        # Fast DDS 2.9 prints one of its errors if a lease ends while a sample arrives, as when the cable is cut.
+        errors = sum("RTPS_WRITER" in line and "assert_liveliness" not in line
+                     for log in logs.values() for line in read(log).splitlines())
         check(errors == 0, f"{errors} errors of DDS while sending")
         if failures:
             for part, log in logs.items():

@@ -13,7 +13,7 @@
 namespace softhand::testing {
 
 /// The domain of this process, from 1 to 99. A socket that listens on port 20000 + domain of the loopback interface
-/// reserves it against other test programs until the process ends. tests/viewer/harness.mjs does the same. Throws
+/// reserves it until the process ends. tests/viewer/harness.mjs does the same. Throws
 /// std::runtime_error if all are taken. The ports of domains above 100 are among those that Linux gives to sockets that
 /// ask for any port. Such a socket of another test sometimes took the port through which processes find each other.
 inline int own_domain() {
