@@ -117,12 +117,22 @@ int SoftObjects::passing() const {
   return sum;
 }
 
-bool SoftObjects::touches_hand(int i) const {
+// Whether the object touches a part of the skin for which `select(part)` is true.
+template <typename Select>
+bool SoftObjects::touches_part(int i, Select&& select) const {
   const int part = kFirstSoftPart + i;
   return std::ranges::any_of(skin_->anchors(), [&](const SkinAnchor& anchor) {
     const int of_point = skin_part(skin_->points()[anchor.point].body);
-    return std::max(of_point, anchor.slot) == part && std::min(of_point, anchor.slot) < kFirstSoftPart;
+    return (of_point == part && select(anchor.slot)) || (anchor.slot == part && select(of_point));
   });
+}
+
+bool SoftObjects::touches_hand(int i) const {
+  return touches_part(i, [](int part) { return part < kFirstSoftPart; });
+}
+
+bool SoftObjects::touches_soft_object(int i) const {
+  return touches_part(i, [](int part) { return part >= kFirstSoftPart; });
 }
 
 bool SoftObjects::is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const {

@@ -82,6 +82,8 @@ class SoftObjects {
   bool touches() const { return !skin_->anchors().empty() || (contacts_ && contacts_->count() > 0); }
   /// Whether a hand touches the object.
   bool touches_hand(int i) const;
+  /// Whether another flexible object touches the object.
+  bool touches_soft_object(int i) const;
   /// Before a step. With `all`, the hands pass through every object. Without, they pass only through objects that they
   /// passed through before. The box around the nodes of such an object must still contain a node of a hand.
   void update_passing(const State& state, bool all);
@@ -122,6 +124,8 @@ class SoftObjects {
   void write_state(int i, const State& state, SoftObjectState& out) const;
 
  private:
+  template <typename Select>
+  bool touches_part(int i, Select&& select) const;
   bool overlaps_hands(int i, const State& state) const;
   Vector3 centre_of_mass(int i, const State& state) const;
   bool is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const;

@@ -26,7 +26,8 @@ bool SoftMirror::take(Nanoseconds now, const SoftObjectState& copy) {
   return true;
 }
 
-// Whether something may touch the object in this step: a hand, or an object that can move.
+// Whether something may touch the object in this step: a hand, a rigid object that can move, or a flexible object. Two
+// flexible objects at rest do not begin to touch.
 bool SoftMirror::may_touch(int object) const {
   constexpr double kSkinDistance = 0.03;  // m, of the skin from the joints
   constexpr double kSteps = 3;            // so far ahead
@@ -44,6 +45,12 @@ bool SoftMirror::may_touch(int object) const {
                   simulation_.joint_velocity(name, hand).linear.norm()))
         return true;
     }
+  }
+  for (int other = 0; other < simulation_.soft()->count(); ++other) {
+    const double other_speed = simulation_.soft()->fastest(other, state);
+    if (other == object || speed + other_speed == 0) continue;
+    const SoftObjects::Ball other_ball = simulation_.soft()->ball(other, state);
+    if (is_near(other_ball.centre, other_ball.radius, other_speed)) return true;
   }
   for (int slot = 0; slot < simulation_.slot_count(); ++slot)
     if (!simulation_.slot_is_static(slot) && simulation_.slot_mode(slot) != SlotMode::empty) return true;
@@ -88,7 +95,7 @@ void SoftMirror::begin_step(Nanoseconds now) {
 
 bool SoftMirror::touches(int object) const {
   const SoftObjects& soft = *simulation_.soft();
-  if (soft.touches_hand(object)) return true;
+  if (soft.touches_hand(object) || soft.touches_soft_object(object)) return true;
   if (soft.contacts() == nullptr) return false;
   return std::ranges::any_of(soft.contacts()->anchors(), [&](const ContactSet::Anchor& anchor) {
     const auto nodes = soft.contacts()->points().nodes(anchor.point);

@@ -20,11 +20,12 @@ class SoftMirror {
   /// Takes a state of a world's copy, if it is newer than the last one. Returns false if it is from the future, of an
   /// unknown object, or not plausible (messages/plausible.hpp).
   bool take(Nanoseconds now, const SoftObjectState& copy);
-  /// Before a step that ends at `now`: shared objects that the hand does not own are where the world has them. If a
-  /// hand may touch one, the step moves them as if the hand owned them. So the first touch is that of a free object.
+  /// Before a step that ends at `now`: shared objects that the hand does not own are where the world has them. If
+  /// something that moves may touch one, the step moves them as if the hand owned them. So the first touch is that of a
+  /// free object.
   void begin_step(Nanoseconds now);
-  /// After the step: the hand owns the objects that a hand, or an object that the hand owns, has touched within the
-  /// release time.
+  /// After the step: the hand owns the objects that a hand, another flexible object, or a rigid object that the hand
+  /// owns, has touched within the release time.
   void end_step();
   bool owns(int object) const { return objects_[static_cast<std::size_t>(object)].owned; }
   /// The hand owns none. They are where the scene has them, until a state of the world comes.

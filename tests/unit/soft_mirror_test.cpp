@@ -1,6 +1,7 @@
 // Flexible objects that the hand's loop shares with the world: who moves them, and what is refused.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <limits>
 #include <memory>
 #include <string>
@@ -106,6 +107,46 @@ TEST_F(SharedSoftObject, TheHandOwnsWhatItTouchesAndReleasesItLater) {
   EXPECT_LT((to_vector(step(0.05, kFar).soft_objects[0].centre) - kFar).norm(), 1e-6);
   EXPECT_EQ(loop.output().soft_objects[1].owned, 0u);
   EXPECT_EQ(refused(), 0);
+}
+
+TEST_F(SharedSoftObject, TheHandOwnsTwoThatCollideUntilTheyPart) {
+  constexpr double kSpeed = 0.5, kGap = 0.02;
+  const double touching = kEdge + kGap;
+  const auto move_second = [&](double distance, double speed) {
+    copies[1].centre = to_wire(Vector3(kFar + Vector3(distance, 0, 0)));
+    copies[1].linear_velocity = to_wire(Vector3(-speed, 0, 0));
+  };
+  move_second(touching, 0);
+  settle();
+  EXPECT_EQ(loop.simulation().work().soft_elements, 0u) << "two that rest beside each other do not begin to touch";
+  const double period = 1.0 / 90;
+  double distance = touching + 0.1;
+  int steps = 0, simulated = 0;
+  do {
+    move_second(distance -= period * kSpeed, kSpeed);
+    step(0, kFar);
+    simulated += loop.simulation().work().soft_elements > 0 ? 1 : 0;
+  } while (loop.output().soft_objects[0].owned == 0 && ++steps < 60);
+  ASSERT_LT(steps, 60);
+  EXPECT_EQ(loop.output().soft_objects[1].owned, 1u);
+  EXPECT_GE(simulated, 2) << "the first touch is that of free objects";
+  EXPECT_NEAR(distance, kEdge, 2 * period * kSpeed);
+  // The world's copies have no say now. The objects part, and the world goes on with both.
+  const auto momentum = [&] {
+    const SoftObjects& soft = *loop.simulation().soft();
+    return soft.mass(0) * loop.output().soft_objects[0].linear_velocity[0] +
+           soft.mass(1) * loop.output().soft_objects[1].linear_velocity[0];
+  };
+  const double before = -loop.simulation().soft()->mass(1) * kSpeed;
+  double after = 0;
+  int owned_steps = 0;
+  while (step(0, kFar).soft_objects[0].owned == 1 && owned_steps < 60) {
+    after = momentum();
+    ++owned_steps;
+  }
+  EXPECT_NEAR(after, before, 0.01 * std::abs(before));
+  EXPECT_GE(owned_steps, 8) << "for another tenth of a second";
+  EXPECT_LT(owned_steps, 60);
 }
 
 TEST_F(SharedSoftObject, RefusesWhatIsWrong) {
