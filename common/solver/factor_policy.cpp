@@ -113,9 +113,10 @@ bool FactorPolicy::improve(Decision& decision, bool is_most_precise, const StepR
 
 void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, const StepReport& report) {
   // With one factor, the increments shrink by a constant ratio. For a new factor, only the residual shows the
-  // contraction.
+  // contraction. The same holds for an iteration that went beyond its full step.
   const double of_residual = iteration.residual_before > 0 ? report.residual / iteration.residual_before : 0.0;
-  contraction_ = decision.renewal != Renewal::none || last_move_ == 0 ? of_residual : iteration.move / last_move_;
+  const bool shows_ratio = decision.renewal == Renewal::none && last_move_ > 0 && iteration.scale <= 1;
+  contraction_ = shows_ratio ? iteration.move / last_move_ : of_residual;
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
   estimated_move_ = remaining_move_ * std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
   last_move_ = iteration.move;

@@ -1,0 +1,28 @@
+// When a factor is reused.
+#include "solver/factor_policy.hpp"
+
+#include <gtest/gtest.h>
+
+namespace softhand::factor_policy_test {
+namespace {
+
+// Whether the last factor serves again, after two iterations with it. The second one ended at `scale`.
+bool reuses_after(double scale) {
+  FactorPolicy policy({}, StepWork{.evaluation = 0.1, .linearisation = 0.3, .solve = 0.1, .whole_factor = 0.6});
+  policy.begin_step(1.0 / 90, true, false);
+  StepReport report;
+  report.residual = 0.01;
+  policy.learn({}, {.scale = 1, .move = 10, .residual_before = 0.1, .measured = true}, report);
+  EXPECT_TRUE(policy.reuses());
+  report.residual = 0.002;
+  policy.learn({}, {.scale = scale, .move = 12, .residual_before = 0.01, .measured = true}, report);
+  return policy.reuses();
+}
+
+TEST(FactorPolicy, AMoveBeyondTheFullStepDoesNotShowThatAFactorConvergesSlowly) {
+  EXPECT_FALSE(reuses_after(1)) << "the moves grow, so the factor does not converge";
+  EXPECT_TRUE(reuses_after(2.5)) << "the move is long because the step went on";
+}
+
+}  // namespace
+}  // namespace softhand::factor_policy_test
