@@ -24,8 +24,8 @@ class SoftMirror {
   /// something that moves may touch one, the step moves them as if the hand owned them. So the first touch is that of a
   /// free object.
   void begin_step(Nanoseconds now);
-  /// After the step: the hand owns the objects that a hand, another flexible object, or a rigid object that the hand
-  /// owns, has touched within the release time.
+  /// After the step: the hand owns the objects that were touched within the release time. A hand, another flexible
+  /// object, or a rigid object that the hand owns can touch.
   void end_step();
   bool owns(int object) const { return objects_[static_cast<std::size_t>(object)].owned; }
   /// The hand owns none. They are where the scene has them, until a state of the world comes.
