@@ -14,6 +14,7 @@
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <memory>
 #include <mutex>
 #include <stdexcept>
@@ -37,8 +38,8 @@ constexpr int kProcessLeaseMs = 10000;
 // participants. Without multicast, announcements go to every port of every peer, so the range is small.
 constexpr std::uint32_t kFirstId = 33;
 constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
-// Writers of reliable topics send heartbeats with this period while a reader lacks a sample.
-constexpr int kHeartbeatMs = 50;
+// Heartbeats in the life of a sample.
+constexpr int kHeartbeats = 40;
 // Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
 // the pieces of incomplete datagrams for 30 s. When 5 % of the packets were lost, they filled its 4 MB after seconds,
 // and then it dropped all split datagrams. Fast DDS 2.9 cannot split the messages of a handshake, so the messages of a
@@ -70,6 +71,7 @@ constexpr const char* kGroup = "239.255.0.1";  // multicast group of discovery
 /// share this port. Fast DDS 2.9 only logs that it cannot open it, and the process would hear nobody.
 void require_shared_port(const std::string& address, std::uint32_t port, int domain) {
   const int probe = socket(AF_INET, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+  if (probe < 0) throw std::runtime_error(std::string("DDS: cannot make a socket: ") + std::strerror(errno));
   const int yes = 1;
   sockaddr_in to{};
   to.sin_family = AF_INET;
@@ -82,7 +84,7 @@ void require_shared_port(const std::string& address, std::uint32_t port, int dom
   if (is_taken)
     throw std::runtime_error(
         "DDS: cannot join domain " + std::to_string(domain) + ": another program has UDP port " + std::to_string(port) +
-        "; expected another domain, best one of 0..100: Linux gives their ports only to programs that ask for them");
+        "; choose another SOFTHAND_DOMAIN. Those of 0..100 are best: Linux does not give out their ports by itself");
 }
 
 template <typename Qos>
@@ -118,10 +120,10 @@ void apply(dds::DataWriterQos& qos, const TopicRow& row) {
   // but makes the fragments only 32 bytes shorter. A fragment for a single reader then does not fit into a message: it
   // is never sent, and the writer tries again without a pause.
   qos.writer_resource_limits().reader_filters_allocation.maximum = 0;
-  // A reader notices that a sample was lost when the next heartbeat comes. Messages live for 2 s, and the default
-  // period is 3 s.
-  if (row.reliability == Reliability::reliable)
-    qos.reliable_writer_qos().times.heartbeatPeriod = milliseconds(kHeartbeatMs);
+  // A reader notices that a sample was lost when the next heartbeat comes. The default period is 3 s, longer than the
+  // life of a message.
+  if (row.reliability == Reliability::reliable && row.lifespan_ms > 0)
+    qos.reliable_writer_qos().times.heartbeatPeriod = milliseconds(row.lifespan_ms / kHeartbeats);
 }
 void apply(dds::DataReaderQos& qos, const TopicRow& row) { apply_row(qos, row); }
 

@@ -38,8 +38,8 @@ class ParticipantId {
   std::uint32_t place_ = 0;  // in the range of ids
 };
 
-/// Sets id, transport and discovery of a participant. Throws std::runtime_error if another program has the port through
-/// which processes find each other.
+/// Sets id, transport and discovery of a participant. With multicast, throws std::runtime_error if another program
+/// has the port through which processes find each other.
 void apply_network(eprosima::fastdds::dds::DomainParticipantQos& qos, const Network& network, int domain,
                    std::int32_t participant_id);
 /// Gives a participant the identity of a role. `folder`: the files of the secured domain.

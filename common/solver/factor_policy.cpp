@@ -113,13 +113,13 @@ bool FactorPolicy::improve(Decision& decision, bool is_most_precise, const StepR
 
 void FactorPolicy::learn(const Decision& decision, const Iteration& iteration, const StepReport& report) {
   // With one factor, the increments shrink by a constant ratio. For a new factor, only the residual shows the
-  // contraction. The same holds for an iteration that went beyond its full step.
+  // contraction. After a move beyond the full step, too, only the residual shows it.
   const double of_residual = iteration.residual_before > 0 ? report.residual / iteration.residual_before : 0.0;
   const bool shows_ratio = decision.renewal == Renewal::none && last_move_ > 0 && iteration.scale <= 1;
   contraction_ = shows_ratio ? iteration.move / last_move_ : of_residual;
   remaining_move_ = std::min(contraction_, kSlowest) / (1 - std::min(contraction_, kSlowest)) * iteration.move;
   estimated_move_ = remaining_move_ * std::max(options_.movement_tolerance, std::numeric_limits<double>::min());
-  last_move_ = iteration.move;
+  last_move_ = iteration.scale <= 1 ? iteration.move : 0;
   const bool is_full = iteration.scale == 1;
   reuses_ = may_reuse_ && iteration.scale >= (iteration.condenses ? kShortest : 1.0) &&
             std::max(iterations_until(report.residual, options_.residual_tolerance, of_residual),

@@ -10,6 +10,12 @@
 
 namespace softhand {
 
+namespace {
+
+constexpr double kHoldOff = 0.2;  // s; for so long the world ignores the hand after a reset (soft_copy.cpp)
+
+}  // namespace
+
 SoftMirror::SoftMirror(HandSimulation& simulation, const HandOptions& options, bool symmetric)
     : simulation_(simulation), options_(options), symmetric_(symmetric), time_step_(1 / options.rate_hz) {
   if (simulation.soft() != nullptr) objects_.resize(static_cast<std::size_t>(simulation.soft()->count()));
@@ -26,8 +32,8 @@ bool SoftMirror::take(Nanoseconds now, const SoftObjectState& copy) {
   return true;
 }
 
-// Whether something may touch the object in this step: a hand, a rigid object that can move, or a flexible object. Two
-// flexible objects at rest do not begin to touch.
+// Whether something may begin to touch the object in this step: a hand, a rigid object that can move, or a flexible
+// object. Two flexible objects at rest do not begin to touch, unless the world has moved them into each other.
 bool SoftMirror::may_touch(int object) const {
   constexpr double kSkinDistance = 0.03;  // m, of the skin from the joints
   constexpr double kSteps = 3;            // so far ahead
@@ -87,15 +93,20 @@ void SoftMirror::begin_step(Nanoseconds now) {
                                     -options_.extrapolation_limit, options_.extrapolation_limit);
     simulation_.place_soft_object(static_cast<int>(i), object.copy, ahead);
   }
-  bool simulates = objects_.empty();
-  for (std::size_t i = 0; i < objects_.size() && !simulates; ++i)
-    simulates = objects_[i].owned || may_touch(static_cast<int>(i));
-  simulation_.simulate_soft_objects(simulates);
+  simulates_ = objects_.empty();
+  for (std::size_t i = 0; i < objects_.size() && !simulates_; ++i) {
+    const int number = static_cast<int>(i);
+    simulates_ = objects_[i].owned || may_touch(number) || simulation_.soft()->touches_soft_object(number);
+  }
+  simulation_.simulate_soft_objects(simulates_);
 }
 
 bool SoftMirror::touches(int object) const {
   const SoftObjects& soft = *simulation_.soft();
-  if (soft.touches_hand(object) || soft.touches_soft_object(object)) return true;
+  if (soft.touches_hand(object)) return true;
+  // Until the world has put the object back, too, its copy may be beside another object.
+  if (objects_[static_cast<std::size_t>(object)].since_release >= kHoldOff && soft.touches_soft_object(object))
+    return true;
   if (soft.contacts() == nullptr) return false;
   return std::ranges::any_of(soft.contacts()->anchors(), [&](const ContactSet::Anchor& anchor) {
     const auto nodes = soft.contacts()->points().nodes(anchor.point);
@@ -108,9 +119,10 @@ void SoftMirror::end_step() {
   if (symmetric_) return;
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = objects_[i];
+    object.since_release = std::min(object.since_release + time_step_, kHoldOff);
     const int number = static_cast<int>(i);
     if (!simulation_.soft()->object(number).is_shared) continue;
-    if (touches(number)) {
+    if (simulates_ && touches(number)) {
       object.owned = true;
       object.untouched = 0;
     } else if (object.owned) {
@@ -124,6 +136,7 @@ void SoftMirror::release(int object) {
   const SoftObjects& soft = *simulation_.soft();
   Object& released = objects_[static_cast<std::size_t>(object)];
   released.owned = !soft.object(object).is_shared;
+  released.since_release = 0;
   released.placed = false;
   SoftObjectState& copy = released.copy;
   copy = {};

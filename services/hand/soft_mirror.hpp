@@ -39,6 +39,7 @@ class SoftMirror {
     for (auto& object : self.objects_) {
       visit(object.owned);
       visit(object.untouched);
+      visit(object.since_release);
       visit(object.placed);
       visit(object.copy);
     }
@@ -47,9 +48,10 @@ class SoftMirror {
  private:
   struct Object {
     bool owned = false;
-    double untouched = 0;  // s since the last touch of an owned object
-    bool placed = false;   // mode symmetric: the nodes began where the world had them
-    SoftObjectState copy;  // the world's newest one; with the time 0 it is that of the scene
+    double untouched = 0;      // s since the last touch of an owned object
+    double since_release = 0;  // s since `release`, up to kHoldOff
+    bool placed = false;       // mode symmetric: the nodes began where the world had them
+    SoftObjectState copy;      // the world's newest one; with the time 0 it is that of the scene
   };
   bool touches(int object) const;
   bool may_touch(int object) const;
@@ -59,6 +61,7 @@ class SoftMirror {
   const HandOptions& options_;
   bool symmetric_;
   double time_step_;
+  bool simulates_ = false;  // in this step
   std::vector<Object> objects_;
 };
 

@@ -136,7 +136,7 @@ def start_the_motion(names, folder):
         # The command may not know a module yet.
         answered = succeeded and MODULES <= {line.split()[0] for line in text.splitlines()}
         tries += 1
-    check(answered, f"all modules answered reset {tries}")
+    check(answered, f"all modules answered a reset, tries: {tries}")
 
 
 def check_networks(names, folder):

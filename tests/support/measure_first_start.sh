@@ -30,7 +30,7 @@ mount --bind /dev "$system/dev"
 cp -L /etc/resolv.conf "$system/etc/resolv.conf"
 mkdir -p "$system/softhand"
 git -C "$root" archive HEAD | tar -x -C "$system/softhand"
-environment=(HOME=/root LANG=C.UTF-8 SOFTHAND_DOMAIN=87
+environment=(HOME=/root LANG=C.UTF-8 SOFTHAND_DOMAIN=100
              PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin)
 if [ -n "${CA_FILE:-}" ]; then
   cp -L "$CA_FILE" "$system/etc/first_start_ca.crt"

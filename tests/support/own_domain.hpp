@@ -12,14 +12,14 @@
 
 namespace softhand::testing {
 
-/// The domain of this process, from 1 to 99. A socket that listens on port 20000 + domain of the loopback interface
+/// The domain of this process, from 51 to 99. A socket that listens on port 20000 + domain of the loopback interface
 /// reserves it until the process ends. tests/viewer/harness.mjs does the same. Throws
 /// std::runtime_error if all are taken. The ports of domains above 100 are among those that Linux gives to sockets that
 /// ask for any port. Such a socket of another test sometimes took the port through which processes find each other.
 inline int own_domain() {
   static const int domain = [] {
-    for (int i = 0; i < 99; ++i) {
-      const int candidate = 1 + (getpid() + i) % 99;
+    for (int i = 0; i < 49; ++i) {
+      const int candidate = 51 + (getpid() + i) % 49;
       const int reservation = socket(AF_INET, SOCK_STREAM | SOCK_CLOEXEC, 0);
       sockaddr_in address{};
       address.sin_family = AF_INET;
@@ -30,7 +30,7 @@ inline int own_domain() {
         return candidate;
       close(reservation);
     }
-    throw std::runtime_error("all domains from 1 to 99 are reserved by tests");
+    throw std::runtime_error("all domains from 51 to 99 are reserved by tests");
   }();
   return domain;
 }

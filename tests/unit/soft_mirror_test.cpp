@@ -25,7 +25,7 @@ using testing::skeleton_at;
 constexpr double kEdge = 0.04;
 const Vector3 kBelow(-0.012, -0.018 - 0.5 * kEdge - 0.001, -0.092), kFar(2, 0, 0);  // places below the fingers, or far
 
-// Two objects of different sizes. The second one is always far away.
+// Two objects of different sizes. The second one is far away unless a test moves it.
 std::vector<SoftObject> objects(bool is_shared = true) {
   std::vector<SoftObject> result;
   for (const int cells : {2, 3}) {
@@ -68,6 +68,14 @@ class SharedSoftObject : public ::testing::Test {
   // The hand passes through objects in the first tenth of a second.
   void settle() {
     for (int i = 0; i < 15; ++i) step(0, kFar);
+  }
+  // Two that the world left in each other.
+  void own_two() {
+    settle();
+    for (int i = 0; i < 5; ++i) step(0, kFar);
+    copies[1].centre = to_wire(Vector3(kFar + Vector3(kEdge - 5e-4, 0, 0)));
+    for (int i = 0; i < 2; ++i) step(0, kFar);
+    ASSERT_EQ(loop.output().soft_objects[1].owned, 1u);
   }
   double refused() const {
     LoopStatus status;
@@ -147,6 +155,32 @@ TEST_F(SharedSoftObject, TheHandOwnsTwoThatCollideUntilTheyPart) {
   EXPECT_NEAR(after, before, 0.01 * std::abs(before));
   EXPECT_GE(owned_steps, 8) << "for another tenth of a second";
   EXPECT_LT(owned_steps, 60);
+}
+
+TEST_F(SharedSoftObject, TheHandOwnsTwoThatTheWorldLeftInEachOther) {
+  settle();
+  for (int i = 0; i < 5; ++i) step(0, kFar);
+  copies[1].centre = to_wire(Vector3(kFar + Vector3(kEdge - 5e-4, 0, 0)));
+  step(0, kFar);
+  EXPECT_EQ(loop.output().soft_objects[0].owned, 0u) << "their tissue was not simulated yet";
+  step(0, kFar);
+  EXPECT_GT(loop.simulation().work().soft_elements, 0u);
+  EXPECT_EQ(loop.output().soft_objects[0].owned, 1u);
+  EXPECT_EQ(loop.output().soft_objects[1].owned, 1u);
+}
+
+TEST_F(SharedSoftObject, AnOldCopyBesideAnotherObjectDoesNotUndoAReset) {
+  own_two();
+  Message message;
+  set_text(message.module, "hand");
+  set_text(message.key, "object.reset");
+  set_text(message.value, "cube 3");
+  ASSERT_EQ(loop.answer(message, "hand").result, kReplyApplied);
+  // The world has not put it back yet.
+  for (int i = 0; i < 5; ++i) EXPECT_EQ(step(0, kFar).soft_objects[1].owned, 0u) << i;
+  copies[1].centre = to_wire(Vector3(kFar + Vector3(0, 1, 0)));
+  for (int i = 0; i < 30; ++i) EXPECT_EQ(step(0, kFar).soft_objects[1].owned, 0u) << i;
+  EXPECT_NEAR(loop.output().soft_objects[1].centre[1], kFar.y() + 1, 1e-6);
 }
 
 TEST_F(SharedSoftObject, RefusesWhatIsWrong) {

@@ -15,8 +15,8 @@ export const { WebSocket } = require("ws");
 
 /** Reserves a DDS domain until this process ends, as tests/support/own_domain.hpp does. */
 async function ownDomain() {
-  for (let i = 0; i < 99; ++i) {
-    const domain = 1 + ((process.pid + i) % 99);
+  for (let i = 0; i < 49; ++i) {
+    const domain = 51 + ((process.pid + i) % 49);
     const reservation = createServer();
     const isFree = await new Promise((done) => {
       reservation.once("error", () => done(false));
@@ -25,7 +25,7 @@ async function ownDomain() {
     reservation.unref();
     if (isFree) return String(domain);
   }
-  throw new Error("all domains from 1 to 99 are reserved by tests");
+  throw new Error("all domains from 51 to 99 are reserved by tests");
 }
 process.env.SOFTHAND_DOMAIN ??= await ownDomain();
 
