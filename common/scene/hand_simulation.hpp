@@ -213,6 +213,7 @@ class HandSimulation {
   /// Whether flexible objects have tissue and weight. Without, their nodes go straight on, and a step costs hardly more
   /// than one without these objects.
   void simulate_soft_objects(bool on);
+  bool simulates_soft_objects() const { return simulates_soft_; }
   /// While `on`, the hands pass through each other and through all flexible objects. Afterwards they still pass through
   /// those objects that they are in, until they have left them.
   void pass_through(bool on) { passes_through_ = on; }

@@ -12,6 +12,19 @@
 #include "model/skeleton.hpp"
 
 namespace softhand {
+namespace {
+
+// Whether object `i` touches a part of the skin for which `select(part)` is true.
+template <typename Select>
+bool touches_part(const SkinContact& skin, int i, Select&& select) {
+  const int part = kFirstSoftPart + i;
+  return std::ranges::any_of(skin.anchors(), [&](const SkinAnchor& anchor) {
+    const int of_point = skin_part(skin.points()[anchor.point].body);
+    return (of_point == part && select(anchor.slot)) || (anchor.slot == part && select(of_point));
+  });
+}
+
+}  // namespace
 
 SoftObjects::SoftObjects(const TissueModel& hands, std::vector<SoftObject> objects) : objects_(std::move(objects)) {
   if (objects_.size() > kMaxSoftObjects)
@@ -117,22 +130,12 @@ int SoftObjects::passing() const {
   return sum;
 }
 
-// Whether the object touches a part of the skin for which `select(part)` is true.
-template <typename Select>
-bool SoftObjects::touches_part(int i, Select&& select) const {
-  const int part = kFirstSoftPart + i;
-  return std::ranges::any_of(skin_->anchors(), [&](const SkinAnchor& anchor) {
-    const int of_point = skin_part(skin_->points()[anchor.point].body);
-    return (of_point == part && select(anchor.slot)) || (anchor.slot == part && select(of_point));
-  });
-}
-
 bool SoftObjects::touches_hand(int i) const {
-  return touches_part(i, [](int part) { return part < kFirstSoftPart; });
+  return touches_part(*skin_, i, [](int part) { return part < kFirstSoftPart; });
 }
 
 bool SoftObjects::touches_soft_object(int i) const {
-  return touches_part(i, [](int part) { return part >= kFirstSoftPart; });
+  return touches_part(*skin_, i, [](int part) { return part >= kFirstSoftPart; });
 }
 
 bool SoftObjects::is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const {

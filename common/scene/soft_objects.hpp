@@ -124,8 +124,6 @@ class SoftObjects {
   void write_state(int i, const State& state, SoftObjectState& out) const;
 
  private:
-  template <typename Select>
-  bool touches_part(int i, Select&& select) const;
   bool overlaps_hands(int i, const State& state) const;
   Vector3 centre_of_mass(int i, const State& state) const;
   bool is_inverted(int i, const std::array<std::int32_t, 4>& corners, const State& state) const;

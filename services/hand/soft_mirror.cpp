@@ -9,10 +9,9 @@
 #include "messages/plausible.hpp"
 
 namespace softhand {
-
 namespace {
 
-constexpr double kHoldOff = 0.2;  // s; for so long the world ignores the hand after a reset (soft_copy.cpp)
+constexpr double kHoldoff = 0.2;  // s; for so long the world ignores the hand after a reset (soft_copy.cpp)
 
 }  // namespace
 
@@ -32,8 +31,9 @@ bool SoftMirror::take(Nanoseconds now, const SoftObjectState& copy) {
   return true;
 }
 
-// Whether something may begin to touch the object in this step: a hand, a rigid object that can move, or a flexible
-// object. Two flexible objects at rest do not begin to touch, unless the world has moved them into each other.
+// Whether something may begin to touch the object in this step. This is a hand, a rigid object that can move, or a
+// flexible object with a higher number. Two flexible objects at rest do not begin to touch. If the world left them in
+// each other, they touch already.
 bool SoftMirror::may_touch(int object) const {
   constexpr double kSkinDistance = 0.03;  // m, of the skin from the joints
   constexpr double kSteps = 3;            // so far ahead
@@ -52,9 +52,9 @@ bool SoftMirror::may_touch(int object) const {
         return true;
     }
   }
-  for (int other = 0; other < simulation_.soft()->count(); ++other) {
+  for (int other = object + 1; other < simulation_.soft()->count(); ++other) {
     const double other_speed = simulation_.soft()->fastest(other, state);
-    if (other == object || speed + other_speed == 0) continue;
+    if (speed + other_speed == 0) continue;
     const SoftObjects::Ball other_ball = simulation_.soft()->ball(other, state);
     if (is_near(other_ball.centre, other_ball.radius, other_speed)) return true;
   }
@@ -93,19 +93,19 @@ void SoftMirror::begin_step(Nanoseconds now) {
                                     -options_.extrapolation_limit, options_.extrapolation_limit);
     simulation_.place_soft_object(static_cast<int>(i), object.copy, ahead);
   }
-  simulates_ = objects_.empty();
-  for (std::size_t i = 0; i < objects_.size() && !simulates_; ++i) {
+  bool simulates = objects_.empty();
+  for (std::size_t i = 0; i < objects_.size() && !simulates; ++i) {
     const int number = static_cast<int>(i);
-    simulates_ = objects_[i].owned || may_touch(number) || simulation_.soft()->touches_soft_object(number);
+    simulates = objects_[i].owned || may_touch(number) || simulation_.soft()->touches_soft_object(number);
   }
-  simulation_.simulate_soft_objects(simulates_);
+  simulation_.simulate_soft_objects(simulates);
 }
 
 bool SoftMirror::touches(int object) const {
   const SoftObjects& soft = *simulation_.soft();
   if (soft.touches_hand(object)) return true;
   // Until the world has put the object back, too, its copy may be beside another object.
-  if (objects_[static_cast<std::size_t>(object)].since_release >= kHoldOff && soft.touches_soft_object(object))
+  if (objects_[static_cast<std::size_t>(object)].since_release >= kHoldoff && soft.touches_soft_object(object))
     return true;
   if (soft.contacts() == nullptr) return false;
   return std::ranges::any_of(soft.contacts()->anchors(), [&](const ContactSet::Anchor& anchor) {
@@ -119,10 +119,10 @@ void SoftMirror::end_step() {
   if (symmetric_) return;
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = objects_[i];
-    object.since_release = std::min(object.since_release + time_step_, kHoldOff);
+    object.since_release = std::min(object.since_release + time_step_, kHoldoff);
     const int number = static_cast<int>(i);
     if (!simulation_.soft()->object(number).is_shared) continue;
-    if (simulates_ && touches(number)) {
+    if (simulation_.simulates_soft_objects() && touches(number)) {
       object.owned = true;
       object.untouched = 0;
     } else if (object.owned) {

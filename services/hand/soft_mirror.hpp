@@ -49,7 +49,7 @@ class SoftMirror {
   struct Object {
     bool owned = false;
     double untouched = 0;      // s since the last touch of an owned object
-    double since_release = 0;  // s since `release`, up to kHoldOff
+    double since_release = 0;  // s since `release`, up to kHoldoff
     bool placed = false;       // mode symmetric: the nodes began where the world had them
     SoftObjectState copy;      // the world's newest one; with the time 0 it is that of the scene
   };
@@ -61,7 +61,6 @@ class SoftMirror {
   const HandOptions& options_;
   bool symmetric_;
   double time_step_;
-  bool simulates_ = false;  // in this step
   std::vector<Object> objects_;
 };
 

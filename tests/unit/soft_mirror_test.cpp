@@ -69,13 +69,12 @@ class SharedSoftObject : public ::testing::Test {
   void settle() {
     for (int i = 0; i < 15; ++i) step(0, kFar);
   }
-  // Two that the world left in each other.
-  void own_two() {
+  // After the holdoff the world leaves both objects in each other.
+  void overlap() {
     settle();
     for (int i = 0; i < 5; ++i) step(0, kFar);
     copies[1].centre = to_wire(Vector3(kFar + Vector3(kEdge - 5e-4, 0, 0)));
-    for (int i = 0; i < 2; ++i) step(0, kFar);
-    ASSERT_EQ(loop.output().soft_objects[1].owned, 1u);
+    step(0, kFar);
   }
   double refused() const {
     LoopStatus status;
@@ -118,17 +117,16 @@ TEST_F(SharedSoftObject, TheHandOwnsWhatItTouchesAndReleasesItLater) {
 }
 
 TEST_F(SharedSoftObject, TheHandOwnsTwoThatCollideUntilTheyPart) {
-  constexpr double kSpeed = 0.5, kGap = 0.02;
-  const double touching = kEdge + kGap;
+  constexpr double kSpeed = 0.5, kBeside = kEdge + 0.02;
   const auto move_second = [&](double distance, double speed) {
     copies[1].centre = to_wire(Vector3(kFar + Vector3(distance, 0, 0)));
     copies[1].linear_velocity = to_wire(Vector3(-speed, 0, 0));
   };
-  move_second(touching, 0);
+  move_second(kBeside, 0);
   settle();
   EXPECT_EQ(loop.simulation().work().soft_elements, 0u) << "two that rest beside each other do not begin to touch";
   const double period = 1.0 / 90;
-  double distance = touching + 0.1;
+  double distance = kBeside + 0.1;
   int steps = 0, simulated = 0;
   do {
     move_second(distance -= period * kSpeed, kSpeed);
@@ -158,10 +156,7 @@ TEST_F(SharedSoftObject, TheHandOwnsTwoThatCollideUntilTheyPart) {
 }
 
 TEST_F(SharedSoftObject, TheHandOwnsTwoThatTheWorldLeftInEachOther) {
-  settle();
-  for (int i = 0; i < 5; ++i) step(0, kFar);
-  copies[1].centre = to_wire(Vector3(kFar + Vector3(kEdge - 5e-4, 0, 0)));
-  step(0, kFar);
+  overlap();
   EXPECT_EQ(loop.output().soft_objects[0].owned, 0u) << "their tissue was not simulated yet";
   step(0, kFar);
   EXPECT_GT(loop.simulation().work().soft_elements, 0u);
@@ -170,7 +165,8 @@ TEST_F(SharedSoftObject, TheHandOwnsTwoThatTheWorldLeftInEachOther) {
 }
 
 TEST_F(SharedSoftObject, AnOldCopyBesideAnotherObjectDoesNotUndoAReset) {
-  own_two();
+  overlap();
+  ASSERT_EQ(step(0, kFar).soft_objects[1].owned, 1u);
   Message message;
   set_text(message.module, "hand");
   set_text(message.key, "object.reset");
