@@ -38,6 +38,7 @@ constexpr int kProcessLeaseMs = 10000;
 // participants. Without multicast, announcements go to every port of every peer, so the range is small.
 constexpr std::uint32_t kFirstId = 33;
 constexpr std::uint32_t kIds = 80, kIdsWithoutMulticast = 24;
+constexpr const char* kGroup = "239.255.0.1";  // multicast group of discovery
 // Heartbeats in the life of a sample.
 constexpr int kHeartbeats = 40;
 // Messages to other hosts fit into one packet of Ethernet, so DDS splits larger samples and not IP. The kernel keeps
@@ -65,8 +66,6 @@ rtps::Locator_t locator(const std::string& address, std::uint32_t port = 0) {
   return out;
 }
 
-constexpr const char* kGroup = "239.255.0.1";  // multicast group of discovery
-
 /// Throws std::runtime_error if another program has the port through which processes find each other. Participants
 /// share this port. Fast DDS 2.9 only logs that it cannot open it, and the process would hear nobody.
 void require_shared_port(const std::string& address, std::uint32_t port, int domain) {
@@ -76,10 +75,9 @@ void require_shared_port(const std::string& address, std::uint32_t port, int dom
   sockaddr_in to{};
   to.sin_family = AF_INET;
   to.sin_port = htons(static_cast<std::uint16_t>(port));
-  const bool can_bind = inet_pton(AF_INET, address.c_str(), &to.sin_addr) == 1 &&
-                        setsockopt(probe, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes) == 0 &&
-                        bind(probe, reinterpret_cast<const sockaddr*>(&to), sizeof to) == 0;
-  const bool is_taken = !can_bind && errno == EADDRINUSE;
+  inet_pton(AF_INET, address.c_str(), &to.sin_addr);
+  setsockopt(probe, SOL_SOCKET, SO_REUSEADDR, &yes, sizeof yes);
+  const bool is_taken = bind(probe, reinterpret_cast<const sockaddr*>(&to), sizeof to) != 0 && errno == EADDRINUSE;
   close(probe);
   if (is_taken)
     throw std::runtime_error(

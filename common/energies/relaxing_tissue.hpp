@@ -13,8 +13,8 @@
 //   U = gamma W(F) + A : E + const,   E = (F^T F - 1)/2
 //   gamma = 1 - sum c (1 - g),   A = -sum c (e^-a d + (g - e^-a) S_e)
 //
-// So within a step the tissue has its own law with a factor, and a constant stress A in addition.
-// tissue_kernel_source.hpp computes both, and says how their Hessian is projected.
+// So within a step the tissue has its own law with a factor, and a constant stress A in addition. The tissue's kernel
+// computes both, and projects their Hessian (tissue_kernel_source.hpp).
 // Green's strain E makes U invariant under rotations, so force and torque balance exactly.
 //
 // S_e is bounded for flat and inverted tissue, and for tissue with a sum of principal strains above 2 mu/lambda

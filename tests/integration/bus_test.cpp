@@ -246,7 +246,7 @@ TEST(Bus, DomainComesFromTheEnvironment) {
   }
 }
 
-// Such a process would hear nobody. Fast DDS binds the last two addresses, and 0.0.0.0 is all addresses.
+// Without this port a process hears nobody. Fast DDS binds the last two addresses, and 0.0.0.0 is all addresses.
 TEST(Bus, APortOfDiscoveryThatAnotherProgramHasIsAnError) {
   const int domain = testing::own_domain();
   for (const char* address : {"0.0.0.0", "127.0.0.1", "239.255.0.1"}) {

@@ -13,9 +13,10 @@
 namespace softhand::testing {
 
 /// The domain of this process, from 51 to 99. A socket that listens on port 20000 + domain of the loopback interface
-/// reserves it until the process ends. tests/viewer/harness.mjs does the same. Throws
-/// std::runtime_error if all are taken. The ports of domains above 100 are among those that Linux gives to sockets that
-/// ask for any port. Such a socket of another test sometimes took the port through which processes find each other.
+/// reserves it until the process ends. Tests of the viewer do the same (tests/viewer/harness.mjs). Throws
+/// std::runtime_error if all are taken. Users have the domains below. The ports of domains above 100 are among those
+/// that Linux gives to sockets that ask for any port. A socket of another test may then have the port through which
+/// processes find each other.
 inline int own_domain() {
   static const int domain = [] {
     for (int i = 0; i < 49; ++i) {
