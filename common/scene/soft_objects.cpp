@@ -302,7 +302,11 @@ int SoftObjects::untangle(State& state, double time_step, bool converged) {
         inverted_now > kShare * static_cast<double>(objects_[static_cast<std::size_t>(i)].body->tetrahedra.size());
     // The repair of the hand's tissue ends contacts, too. So contact counts only at the start.
     const bool is_tangled = !converged && (tangled > 0 || touches_hand(i)) && is_folded;
-    tangled = is_tangled ? tangled + time_step : 0;
+    // In some steps of a tangle, fewer tetrahedra are inverted. They do not end it.
+    if (is_tangled)
+      tangled += time_step;
+    else if (converged || inverted_now == 0)
+      tangled = 0;
     inverted = inverted_now > 0 && !is_tangled ? inverted + time_step : 0;
     if (inverted >= kLongest) {
       inverted = time_step;
