@@ -53,7 +53,7 @@ def draw_map(rows, path):
     for section, case, values in lines:
         if section != last:
             y += 0.5
-            axes.text(-6.6, y + 0.55, section, fontsize=11, fontweight="bold", va="center")
+            axes.text(-8.6, y + 0.55, section, fontsize=11, fontweight="bold", va="center")
             last = section
         axes.text(-0.25, y + 0.5, case.replace("_", " "), fontsize=8.5, ha="right", va="center")
         for x, row in enumerate(values):
@@ -77,7 +77,7 @@ def draw_map(rows, path):
             text = ",  ".join(row["parameter"] for row in values)
             axes.text(len(values) + 0.3, y + 0.5, text, fontsize=7, va="center", color="#333333")
         y += 1
-    axes.set_xlim(-6.8, WIDEST + 0.5)
+    axes.set_xlim(-8.8, WIDEST + 0.5)
     axes.set_ylim(y + 0.2, 0)
     axes.axis("off")
     built = [
