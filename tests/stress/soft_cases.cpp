@@ -145,11 +145,12 @@ std::vector<Case> soft_cases() {
     rows->push_back(
         {named("ratio", ratio), [r = ratio, d = density] { return pressed_cube(r * softest_tissue(), d); }, {}, true});
   // As the finger leaves, the light cube follows by several millimetres a step.
-  rows->push_back({"ratio = 0.001, beside its middle",
-                   [] { return pressed_cube(1e-3 * softest_tissue(), 1, Vector3(-3e-3, 0, 2e-3)); },
-                   {Class::diverged,
-                    "one iteration moves the light cube 8 mm into the finger before its contacts are found, and the "
-                    "step ends in crushed tissue"}});
+  rows->push_back(
+      {"ratio = 0.001, beside its middle",
+       [] { return pressed_cube(1e-3 * softest_tissue(), 1, Vector3(-3e-3, 0, 0)); },
+       {Class::diverged,
+        "one iteration moves the light cube millimetres into the finger before its contacts are found, and the "
+        "step ends in crushed tissue"}});
   rows = &cases.add("thin_sheet", "a finger presses a flexible sheet on a table: the sheet stays whole between them");
   for (const double millimetres : {1.0, 0.5})
     rows->push_back({named("thickness", millimetres, "mm"), [=] { return pressed_sheet(1e-3 * millimetres); }});

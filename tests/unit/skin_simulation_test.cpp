@@ -62,22 +62,16 @@ void play(HandSimulation& simulation, double from, double to, After&& after, dou
   }
 }
 
-// The limits of penetration are those of G5 (docs/stress.md).
 TEST(SkinOfAHand, FistHoldsItsFingersApart) {
   constexpr double kPress = 12e-3;  // m
   double gaps[2];
   for (const bool contact : {false, true}) {
     HandSimulation simulation(hand(), options(contact), 0, 0);
     double gap = 1;
-    std::vector<double> light, hard;  // penetrations, m, while the thumb is pressed with up to 3 N and with more
+    std::vector<double> depths;
     const auto after = [&](const HandSimulation& s) {
       gap = std::min(gap, finger_gap(s.hand(), s.state()));
       if (s.skin() == nullptr) return;
-      Vector3 on_thumb = Vector3::Zero();
-      const auto forces = s.bone_contact_forces(0);
-      for (int b = 0; b < kBodyCount; ++b)
-        if (finger_of(static_cast<Body>(b)) == Finger::thumb) on_thumb += forces[static_cast<std::size_t>(b)];
-      std::vector<double>& depths = on_thumb.norm() <= 3 ? light : hard;
       for (const SkinAnchor& anchor : s.skin()->anchors())
         depths.push_back(std::max(0.0, -s.skin()->offset(anchor, s.state()).depth));
     };
@@ -87,13 +81,9 @@ TEST(SkinOfAHand, FistHoldsItsFingersApart) {
     EXPECT_EQ(simulation.work().skin_part_queries > 0, contact);
     EXPECT_EQ(simulation.inverted_elements(), 0);
     if (!contact) continue;
-    ASSERT_GT(light.size(), 100u);
-    ASSERT_GT(hard.size(), 1000u);
-    for (std::vector<double>* depths : {&light, &hard}) std::sort(depths->begin(), depths->end());
-    std::printf("  p95 of penetration %.2f and %.2f mm in %zu and %zu pairs\n", light[light.size() * 95 / 100] * 1e3,
-                hard[hard.size() * 95 / 100] * 1e3, light.size(), hard.size());
-    EXPECT_LE(light[light.size() * 95 / 100], 0.5e-3);
-    EXPECT_LE(hard[hard.size() * 95 / 100], 2e-3);
+    ASSERT_GT(depths.size(), 1000u);
+    std::sort(depths.begin(), depths.end());
+    EXPECT_LE(depths[depths.size() * 95 / 100], 0.5e-3);
     EXPECT_TRUE(simulation.skin()->anchors().empty()) << "the open hand still touches itself";
   }
   std::printf("  %.1f mm with contact, %.1f mm without\n", gaps[1] * 1e3, gaps[0] * 1e3);
