@@ -671,6 +671,8 @@ async function player() {
     epoch.writeBigUInt64LE(made.epoch);
     made.send(12, Buffer.concat([f64(0), epoch, u32(1, 60), f64(sequence, ...Array(12).fill(0))]));
   };
+  // At once: a page that never got the first epoch does not notice that the next one is another.
+  state();
   setInterval(state, 200).unref();
   made.hands = () => made.page.evaluate(() => window.softhand.handCount());
   made.programs = () => made.page.evaluate(() => window.softhand.programCount());
