@@ -65,6 +65,8 @@ struct Bones {
   }
 };
 
+bool is_phalanx(Body body) { return finger_of(body) != Finger::palm && !is_metacarpal(body); }
+
 std::uint8_t region_of(const RestSkeleton& rest, const Bones& bones, const Vector3& point) {
   const auto b = bones.nearest(point);
   const Body body = static_cast<Body>(b);
@@ -72,8 +74,7 @@ std::uint8_t region_of(const RestSkeleton& rest, const Bones& bones, const Vecto
   const BodyModel& model = (*bones.bodies)[b];
   const double bone_height = 0.5 * (model.bone_start.y() + model.bone_end.y());
   const bool palmar = local.y() < bone_height + 0.3 * model.bone_end_radius;
-  const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
-  if (digit && body == distal_of(finger_of(body)) && (palmar || local.z() < model.bone_end.z())) return pulp;
+  if (is_phalanx(body) && body == distal_of(finger_of(body)) && (palmar || local.z() < model.bone_end.z())) return pulp;
   if (palmar) return palm;
   // The dorsal skin over MCP, PIP and DIP is attached tightly.
   for (std::size_t j = 3; j < kJointCount; ++j) {
@@ -230,7 +231,7 @@ SizingField hand_sizing(const RestSkeleton& rest) {
   for (int b = 0; b < kBodyCount; ++b) {
     const Body body = static_cast<Body>(b);
     const Joint joint = joint_of(body), end = end_joint_of(body);
-    const bool digit = finger_of(body) != Finger::palm && !is_metacarpal(body);
+    const bool digit = is_phalanx(body);
     const double to_tip = index_of(tip_of(digit ? finger_of(body) : Finger::thumb)) - index_of(joint);
     const double size = !digit ? (is_metacarpal(body) ? 2.4 : 3.2) : to_tip <= 1 ? 1.0 : to_tip <= 2 ? 1.4 : 1.65;
     const Vector3 start = body == Body::forearm ? Vector3(0, 0, rest.stump) : joint_at(joint).position;
@@ -285,19 +286,25 @@ std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin)
   return seeds;
 }
 
-HandModel assemble_hand(const RestSkeleton& rest, const TetrahedralMesh& mesh, const TriangleMesh& skin) {
+HandModel assemble_hand(const RestSkeleton& rest, TetrahedralMesh mesh, const TriangleMesh& skin) {
   HandModel hand;
   hand.side = Side::right;
   hand.rest_joints = rest.joints;
   hand.joint_radii = rest.radii;
   hand.bodies = make_bodies(rest);
-  hand.nodes = mesh.nodes;
-  hand.tetrahedra = mesh.tetrahedra;
-  hand.surface = mesh.surface;
+  const Bones bones(rest, hand.bodies);
+  std::vector<int> digits;  // of the nodes
+  for (const Vector3& node : mesh.nodes) {
+    const auto body = static_cast<Body>(bones.nearest(node));
+    hand.node_body.push_back(static_cast<std::uint8_t>(body));
+    digits.push_back(is_phalanx(body) ? static_cast<int>(finger_of(body)) : -1);
+  }
+  remove_flat_ears(mesh, digits);
+  hand.nodes = std::move(mesh.nodes);
+  hand.tetrahedra = std::move(mesh.tetrahedra);
+  hand.surface = std::move(mesh.surface);
   hand.materials = make_materials(hand.nodes.size());
 
-  const Bones bones(rest, hand.bodies);
-  for (const Vector3& node : hand.nodes) hand.node_body.push_back(static_cast<std::uint8_t>(bones.nearest(node)));
   for (const auto& t : hand.tetrahedra) {
     Vector3 centre = Vector3::Zero();
     for (const std::int32_t n : t) centre += 0.25 * hand.nodes[static_cast<std::size_t>(n)];

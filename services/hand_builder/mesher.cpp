@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
-#include <stdexcept>
+#include <set>
 
 #include "math/index.hpp"
 #include "math/tetrahedron.hpp"
+#include "model/tissue_model.hpp"
 
 namespace softhand::builder {
 namespace {
@@ -156,6 +157,49 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
       }
     }
     for (int i = 0; i < 5; ++i) sweep(0.5 / (1 + round));
+  }
+}
+
+void remove_flat_ears(TetrahedralMesh& mesh, const std::vector<int>& part) {
+  const double flat = std::cos(138.0 * M_PI / 180.0);
+  using Edge = std::array<std::int32_t, 2>;
+  const auto edge = [](std::int32_t a, std::int32_t b) { return Edge{std::min(a, b), std::max(a, b)}; };
+  for (;;) {
+    std::set<std::array<std::int32_t, 3>> faces;
+    std::set<Edge> edges;
+    for (auto f : mesh.surface) {
+      std::sort(f.begin(), f.end());
+      faces.insert(f);
+      for (const Edge& e : {edge(f[0], f[1]), edge(f[1], f[2]), edge(f[0], f[2])}) edges.insert(e);
+    }
+    const auto is_flat_ear = [&](const std::array<std::int32_t, 4>& t) {
+      std::vector<std::int32_t> inner, outer;  // ends of the edge between the inner faces, and between the outer faces
+      for (std::size_t k = 0; k < 4; ++k) {
+        std::array<std::int32_t, 3> face{t[(k + 1) % 4], t[(k + 2) % 4], t[(k + 3) % 4]};
+        std::sort(face.begin(), face.end());
+        (faces.contains(face) ? inner : outer).push_back(t[k]);
+      }
+      // If the inner edge is already on the surface, the boundary would touch itself there.
+      if (inner.size() != 2 || edges.contains(edge(inner[0], inner[1]))) return false;
+      const Vector3 origin = mesh.nodes[at(outer[0])];
+      const Vector3 axis = (mesh.nodes[at(outer[1])] - origin).normalized();
+      const auto across = [&](std::int32_t n) {
+        const Vector3 x = mesh.nodes[at(n)] - origin;
+        return Vector3(x - axis.dot(x) * axis).normalized();
+      };
+      return across(inner[0]).dot(across(inner[1])) < flat;
+    };
+    const auto joins_parts = [&](const std::array<std::int32_t, 4>& t) {
+      std::set<int> parts;
+      for (const std::int32_t n : t) parts.insert(part[at(n)]);
+      parts.erase(-1);
+      return parts.size() > 1;
+    };
+    const auto found = std::find_if(mesh.tetrahedra.begin(), mesh.tetrahedra.end(),
+                                    [&](const auto& t) { return joins_parts(t) && is_flat_ear(t); });
+    if (found == mesh.tetrahedra.end()) return;
+    mesh.tetrahedra.erase(found);
+    mesh.surface = boundary(mesh.tetrahedra);
   }
 }
 

@@ -37,6 +37,12 @@ TetrahedralMesh mesh_skin(const SkinShape& skin, const SizingField& sizing, int 
 void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& sizing, const std::vector<Vector3>& seeds,
              double volume);
 
+/// Removes the flat ears that join two parts of the mesh, one after the other. An ear is a tetrahedron with two faces
+/// on the surface. It is flat if they meet at more than 138 degrees. Where two fingers squeeze the web between them,
+/// the edge between these faces moves past the opposite edge, and the ear turns inside out. `part` has the part of each
+/// node, or -1 if it belongs to none. The boundary remains a closed manifold with the same nodes.
+void remove_flat_ears(TetrahedralMesh& mesh, const std::vector<int>& part);
+
 /// The surface in finer triangles: surface nets on a grid of `cell` metres, with vertices then moved onto the surface.
 TriangleMesh triangulate_skin(const SkinShape& skin, double cell);
 

@@ -287,6 +287,34 @@ TEST(Smoother, RaisesTheWorstAngle) {
   EXPECT_GT(mesh.minimum_dihedral_degrees(), before + 20);
 }
 
+// Four ears around the long axis of a stretched octahedron. If one is removed, the axis is on the surface, and the
+// others stay.
+TEST(FlatEars, AreRemovedBetweenTwoParts) {
+  const auto octahedron = [](double height) {
+    TetrahedralMesh mesh;
+    mesh.nodes = {{0, 0, height}, {0, 0, -height}, {0.01, 0, 0}, {0, 0.01, 0}, {-0.01, 0, 0}, {0, -0.01, 0}};
+    for (std::int32_t k = 0; k < 4; ++k) mesh.tetrahedra.push_back({1, 0, 2 + k, 2 + (k + 1) % 4});
+    mesh.surface = boundary(mesh.tetrahedra);
+    return mesh;
+  };
+  TetrahedralMesh mesh = octahedron(0.03);  // the outer faces meet at 153 degrees
+  ASSERT_EQ(mesh.surface.size(), 8u);
+  ASSERT_GT(mesh.minimum_dihedral_degrees(), 1);
+  remove_flat_ears(mesh, {-1, -1, -1, 4, 4, 4});
+  EXPECT_EQ(mesh.tetrahedra.size(), 4u);
+  remove_flat_ears(mesh, {-1, -1, 3, 4, 4, 4});
+  EXPECT_EQ(mesh.tetrahedra, (std::vector<std::array<std::int32_t, 4>>{{1, 0, 3, 4}, {1, 0, 4, 5}, {1, 0, 5, 2}}));
+  EXPECT_EQ(mesh.nodes.size(), 6u);
+  std::map<std::pair<std::int32_t, std::int32_t>, int> edges;
+  for (const auto& f : mesh.surface)
+    for (std::size_t k = 0; k < 3; ++k) ++edges[std::minmax({f[k], f[(k + 1) % 3]})];
+  EXPECT_EQ(edges.size(), 12u);
+  for (const auto& [edge, count] : edges) EXPECT_EQ(count, 2);
+  mesh = octahedron(0.015);  // 130 degrees
+  remove_flat_ears(mesh, {-1, -1, 3, 4, 5, 6});
+  EXPECT_EQ(mesh.tetrahedra.size(), 4u);
+}
+
 double area_of(const TriangleMesh& mesh) {
   double area = 0;
   for (const auto& t : mesh.triangles) {
