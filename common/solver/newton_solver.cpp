@@ -24,6 +24,8 @@ constexpr int kMaxRevisions = 4;    // of the terms in a step
 // without a contact. Without this contact the minimum is elsewhere. The first iteration does not count, because its
 // contacts are predicted.
 constexpr double kFarMove = 3e-3;
+// A state with less than this part of the energy of another is much nearer to the minimum.
+constexpr double kMuchLess = 0.5;
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;
 // Tolerance of the condensed solve of contact, as a fraction of `residual_tolerance`.
@@ -304,6 +306,7 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       may_be_chord = may_be_chord && !touches;
       policy_.start_again(condenses);
       if (!potential_.evaluate(state, meter, {})) return false;
+      if (!is_truncated && scale * report.increment > kFarMove && !retreat(state, meter)) return false;
       evaluated = true;
       linearised = have_best = false;
       continue;
@@ -330,6 +333,23 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
   }
   report.measured = evaluated;
   return true;
+}
+
+// After a revision. An iteration can move a light body far into another one before their contacts are found. The way
+// out of it can crush the body. So if the start of the step, with the new contacts, has much less energy, the
+// iterations begin there again. Returns false if a value is NaN or infinite.
+bool NewtonSolver::retreat(State& state, StepMeter& meter) {
+  StepReport& report = meter.report;
+  const double energy = report.energy;
+  double start = 0;  // without the new contacts; 0 after a chord step
+  for (std::size_t t = 0; t < report.term_count; ++t) start += report.terms[t].start;
+  if (energy <= 0 || start >= kMuchLess * energy) return true;
+  best_ = state;
+  state = potential_.start();
+  if (!potential_.evaluate(state, meter, {})) return false;
+  if (report.energy < kMuchLess * energy) return true;
+  state = best_;
+  return potential_.evaluate(state, meter, {});
 }
 
 // Newton's direction at `state`. `condenses`: the terms with kinks are exact, and the factor is that of the other

@@ -92,6 +92,7 @@ class NewtonSolver {
   bool evaluate_first(State& state, bool has_guess, bool continues, bool hessian, StepMeter& meter);
   bool minimise(State& state, double time_step, bool may_be_chord, bool has_guess, bool continues, StepMeter& meter);
   bool revise(const State& state);
+  bool retreat(State& state, StepMeter& meter);
   double largest_move(const State& state, bool condenses) const;
   enum class Moved : std::uint8_t { yes, no, not_finite };
   Moved move_touched(State& state, bool objects_only, StepMeter& meter);
