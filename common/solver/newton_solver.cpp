@@ -24,7 +24,7 @@ constexpr int kMaxRevisions = 4;    // of the terms in a step
 // without a contact. Without this contact the minimum is elsewhere. The first iteration does not count, because its
 // contacts are predicted.
 constexpr double kFarMove = 3e-3;
-// A state with less than this part of the energy of another is much nearer to the minimum.
+// A state with less than this fraction of the energy of another one is much nearer to the minimum.
 constexpr double kMuchLess = 0.5;
 // A step that has not converged after so many iterations may never do so. Its terms are revised nevertheless.
 constexpr std::int64_t kLateIteration = 15;

@@ -14,9 +14,9 @@ SizingField hand_sizing(const RestSkeleton& rest);
 /// sides.
 std::vector<Vector3> hand_seeds(const RestSkeleton& rest, const SkinShape& skin);
 
-/// Assembles the right hand without the flat ears of the mesh between two digits (`remove_flat_ears`): bodies,
-/// materials by region, attachments, nearest bones, contact points, and the finer skin embedded in tetrahedra. There is
-/// one attachment per bone and tetrahedron, at the centroid of their intersection.
+/// Assembles the right hand: bodies, materials by region, attachments, nearest bones, contact points, and the finer
+/// skin embedded in tetrahedra. Flat ears of the mesh between two digits are removed (`remove_flat_ears`). There is one
+/// attachment per bone and tetrahedron, at the centroid of their intersection.
 HandModel assemble_hand(const RestSkeleton& rest, TetrahedralMesh mesh, const TriangleMesh& skin);
 
 /// Replaces the contact points of a right hand by points of `skin`: about 2 mm apart on the pulps and 4.5 mm elsewhere.

@@ -161,6 +161,7 @@ void improve(TetrahedralMesh& mesh, const SkinShape& skin, const SizingField& si
 }
 
 void remove_flat_ears(TetrahedralMesh& mesh, const std::vector<int>& part) {
+  // Chosen so that of the ears in the shipped hands, it is only the one that turned inside out.
   const double flat = std::cos(138.0 * M_PI / 180.0);
   using Edge = std::array<std::int32_t, 2>;
   const auto edge = [](std::int32_t a, std::int32_t b) { return Edge{std::min(a, b), std::max(a, b)}; };
