@@ -107,7 +107,7 @@ HandOutput& HandLoop::step(Nanoseconds now, const HandInput& input, const Reques
   }
   for (const SoftObjectState& copy : input.soft_objects)
     if (copy.stamp.sample_time > reset_time_ && !soft_mirror_.take(now, copy)) ++counters_.refused_soft;
-  soft_mirror_.begin_step(now);
+  soft_mirror_.begin_step(now, mirror_.knows_world());
   mirror_.begin_step(now, settles(), input.other_hands);
   simulation_->pass_through(settles());
   simulation_->enable_ledger(requested.ledger);

@@ -182,12 +182,16 @@ void ObjectMirror::describe_joint(const ObjectJointDescription& description) {
 
 void ObjectMirror::take_world(const WorldObjects& world) {
   for (KnownObject& object : objects_) object.listed = false;
+  knows_world_ = true;
   auto next = objects_.begin();  // worlds list their objects in the order in which they announced them
   for (const ObjectState& state : world.objects) {
     const auto is_it = [&state](const KnownObject& o) { return o.id == state.object; };
     const auto known =
         next != objects_.end() && is_it(*next) ? next : std::find_if(objects_.begin(), objects_.end(), is_it);
-    if (known == objects_.end()) continue;
+    if (known == objects_.end()) {
+      knows_world_ = false;
+      continue;
+    }
     known->listed = true;
     if (world.stamp.sample_time < known->description.stamp.sample_time) continue;
     if (!usable(state)) {
@@ -204,6 +208,7 @@ void ObjectMirror::take_world(const WorldObjects& world) {
   }
   // Another world may have taken over with fewer objects. The previous world did not announce their removal.
   for (KnownObject& object : objects_) {
+    if (object.listed && !object.seen) knows_world_ = false;
     if (object.listed || !object.seen) continue;
     release(object.assembly);
     object.seen = object.owned = false;
@@ -453,6 +458,7 @@ void ObjectMirror::release_all() {
     release(object.assembly);
     object.seen = false;
   }
+  knows_world_ = false;
 }
 
 void ObjectMirror::write_twins(ObjectCoupling& out) const {
@@ -482,6 +488,7 @@ void ObjectMirror::take_state(const ObjectMirror& other) {
   joints_ = other.joints_;
   slot_object_ = other.slot_object_;
   world_time_ = other.world_time_;
+  knows_world_ = other.knows_world_;
   counters_ = other.counters_;
 }
 
@@ -507,6 +514,7 @@ void ObjectMirror::save(ByteWriter& out) const {
   out.write(joints_);
   out.write(slot_object_);
   out.write(world_time_);
+  out.write(knows_world_);
   out.write(counters_);
 }
 
@@ -522,6 +530,7 @@ void ObjectMirror::load(ByteReader& in) {
   in.read(joints_);
   in.read(slot_object_);
   in.read(world_time_);
+  in.read(knows_world_);
   in.read(counters_);
   find_assemblies();
   for (const KnownObject& object : objects_) {

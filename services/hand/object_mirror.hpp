@@ -35,6 +35,8 @@ class ObjectMirror {
   void use_file_shapes(LoadShape load) { load_shape_ = std::move(load); }
 
   void take_world(const WorldObjects& world);
+  /// Whether the newest sample of the world has come with the descriptions and states of all of its objects.
+  bool knows_world() const { return knows_world_; }
   /// Releases all objects. They are unknown until a new sample of the world comes.
   void release_all();
   /// Prepares the slots for the step that ends at `now`. `settles`: the hand was just repositioned, so its fingers move
@@ -127,6 +129,7 @@ class ObjectMirror {
   std::vector<int> waiting_;                     // indices into objects_ of near objects without a slot, nearest first
   std::span<const ObjectCoupling> other_hands_;  // valid in `begin_step` and until the next one
   Nanoseconds world_time_ = 0;
+  bool knows_world_ = false;
   ObjectMirrorCounters counters_;
 };
 

@@ -80,18 +80,22 @@ void SoftMirror::pull(Nanoseconds now) {
   }
 }
 
-void SoftMirror::begin_step(Nanoseconds now) {
-  if (symmetric_) {
-    pull(now);
-    return;
-  }
+void SoftMirror::begin_step(Nanoseconds now, bool knows_world) {
   const Nanoseconds start = now - static_cast<Nanoseconds>(time_step_ * 1e9);
   for (std::size_t i = 0; i < objects_.size(); ++i) {
-    const Object& object = objects_[i];
-    if (object.owned) continue;
+    Object& object = objects_[i];
+    if (!simulation_.soft()->object(static_cast<int>(i)).is_shared) {
+      object.owned |= knows_world;
+      continue;
+    }
+    if (object.owned || symmetric_) continue;
     const double ahead = std::clamp(static_cast<double>(start - object.copy.stamp.sample_time) * 1e-9,
                                     -options_.extrapolation_limit, options_.extrapolation_limit);
     simulation_.place_soft_object(static_cast<int>(i), object.copy, ahead);
+  }
+  if (symmetric_) {
+    pull(now);
+    return;
   }
   bool simulates = objects_.empty();
   for (std::size_t i = 0; i < objects_.size() && !simulates; ++i) {
@@ -116,12 +120,16 @@ bool SoftMirror::touches(int object) const {
 }
 
 void SoftMirror::end_step() {
-  if (symmetric_) return;
   for (std::size_t i = 0; i < objects_.size(); ++i) {
     Object& object = objects_[i];
     object.since_release = std::min(object.since_release + time_step_, kHoldoff);
     const int number = static_cast<int>(i);
-    if (!simulation_.soft()->object(number).is_shared) continue;
+    if (!simulation_.soft()->object(number).is_shared) {
+      object.owned |= simulation_.simulates_soft_objects() && simulation_.soft()->touches_hand(number);
+      if (!object.owned) simulation_.place_soft_object(number, object.copy, 0);
+      continue;
+    }
+    if (symmetric_) continue;
     if (simulation_.simulates_soft_objects() && touches(number)) {
       object.owned = true;
       object.untouched = 0;
@@ -135,7 +143,7 @@ void SoftMirror::end_step() {
 void SoftMirror::release(int object) {
   const SoftObjects& soft = *simulation_.soft();
   Object& released = objects_[static_cast<std::size_t>(object)];
-  released.owned = !soft.object(object).is_shared;
+  released.owned = false;
   released.since_release = 0;
   released.placed = false;
   SoftObjectState& copy = released.copy;

@@ -1,5 +1,6 @@
-// The flexible objects that the hand shares with the world (`world.soft` = "world", docs/soft-objects.md). This file
-// decides whether the hand or the world moves them.
+// Who moves the flexible objects (docs/soft-objects.md): the hand, or the world that shares them (`world.soft` =
+// "world"). Objects that are the hand's alone wait at their start until the world is known. Otherwise they would fall
+// through a table that the world has not announced yet.
 #pragma once
 
 #include <vector>
@@ -22,10 +23,11 @@ class SoftMirror {
   bool take(Nanoseconds now, const SoftObjectState& copy);
   /// Before a step that ends at `now`: shared objects that the hand does not own are where the world has them. If
   /// something that moves may touch one, the step moves them as if the hand owned them. So the first touch is that of a
-  /// free object.
-  void begin_step(Nanoseconds now);
-  /// After the step: the hand owns the objects that were touched within the release time. A hand, another flexible
-  /// object, or a rigid object that the hand owns can touch.
+  /// free object. `knows_world`: `ObjectMirror::knows_world`.
+  void begin_step(Nanoseconds now, bool knows_world);
+  /// After the step: the hand owns the shared objects that were touched within the release time. A hand, another
+  /// flexible object, or a rigid object that the hand owns can touch. An object that waits is owned once a hand touches
+  /// it.
   void end_step();
   bool owns(int object) const { return objects_[static_cast<std::size_t>(object)].owned; }
   /// The hand owns none. They are where the scene has them, until a state of the world comes.

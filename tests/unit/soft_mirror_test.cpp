@@ -241,6 +241,69 @@ TEST_F(SharedSoftObject, ALoopThatLoadsAStateContinuesWithTheSameBits) {
   EXPECT_LT(owned, steps - 5);
 }
 
+// An object that is the hand's alone, without gravity. A hand presses on it from above if its wrist is low.
+class OwnSoftObject : public ::testing::TestWithParam<bool> {
+ protected:
+  OwnSoftObject() : loop(model, loop_options(), {}, GetParam() ? ObjectSpring{20, 0.1, 1} : ObjectSpring{}, bodies()) {}
+  static std::vector<SoftObject> bodies() {
+    std::vector<SoftObject> all = objects(false);
+    all[0].pose.position = kBelow;
+    return all;
+  }
+  const SoftObjectState& step(double wrist_y, const WorldObjects* world = nullptr) {
+    now += 11'111'111;
+    sample = skeleton_at(model, {Vector3(0, wrist_y, 0), Quaternion::Identity()}, now, ++sequence);
+    return loop.step(now, {&sample, nullptr, world}, {}).soft_objects[0];
+  }
+  // A sample of a world with one object, which is far away.
+  WorldObjects world() const { return testing::world_with(7, -kFar, now); }
+  ObjectDescription table() const {
+    ObjectDescription description = testing::cube(7);
+    description.is_static = 1;
+    return description;
+  }
+
+  HandModel model = hand();
+  HandLoop loop;
+  Skeleton sample;
+  Nanoseconds now = kSecond;
+  std::uint64_t sequence = 0;
+};
+
+TEST_P(OwnSoftObject, WaitsForTheWorld) {
+  for (int i = 0; i < 90; ++i) ASSERT_EQ(step(0).owned, 0u) << "no world";
+  EXPECT_LT((to_vector(step(0).centre) - kBelow).norm(), 1e-6);
+  WorldObjects far = world();
+  EXPECT_EQ(step(0, &far).owned, 0u) << "its table is not described yet";
+  loop.describe_object(table());
+  EXPECT_EQ(step(0).owned, 0u) << "the place of the table is not known yet";
+  far = world();
+  EXPECT_EQ(step(0, &far).owned, 1u);
+  EXPECT_EQ(step(0).owned, 1u);
+  loop.reset(now);
+  EXPECT_EQ(step(0).owned, 0u);
+  far = world();
+  EXPECT_EQ(step(0, &far).owned, 1u);
+  Message message;
+  set_text(message.module, "hand");
+  set_text(message.key, "object.reset");
+  set_text(message.value, "cube 2");
+  ASSERT_EQ(loop.answer(message, "hand").result, kReplyApplied);
+  EXPECT_EQ(step(0).owned, 1u) << "the world is known";
+}
+
+TEST_P(OwnSoftObject, WaitsOnlyUntilAHandTouchesIt) {
+  for (int i = 0; i < 15; ++i) ASSERT_EQ(step(0).owned, 0u);
+  int steps = 0;
+  while (step(-0.006).owned == 0 && steps < 60) ++steps;
+  EXPECT_LT(steps, 60);
+  for (int i = 0; i < 30; ++i) step(-0.006);
+  EXPECT_LT(to_vector(step(-0.006).centre).y(), kBelow.y() - 1e-3) << "nothing holds it";
+}
+
+INSTANTIATE_TEST_SUITE_P(Modes, OwnSoftObject, ::testing::Values(false, true),
+                         [](const auto& symmetric) { return symmetric.param ? "symmetric" : "ownership"; });
+
 // Mode symmetric: a spring to the world's copy pulls the object, and nobody owns it.
 class CoupledSoftObject : public SharedSoftObject {
  protected:
