@@ -398,7 +398,9 @@ TEST(HandLoop, PublishesAFlexibleObjectAndPutsItBackOnRequestAndOnAReset) {
     for (int i = 0; i < steps; ++i) {
       now += 11'111'111;
       const Skeleton sample = skeleton_at(hand(), {}, now, static_cast<std::uint64_t>(now));
-      loop.step(now, {&sample}, {});
+      WorldObjects empty;  // without it, the object waits
+      empty.stamp.sample_time = now;
+      loop.step(now, {&sample, nullptr, &empty}, {});
     }
     return loop.step(now += 11'111'111, {}, {}).soft_objects.front();
   };
