@@ -20,10 +20,6 @@ constexpr double kSettlingTime = 0.1;
 
 bool usable(const JointSample& joint) { return is_usable(joint) && joint.confidence >= 0 && joint.confidence <= 1; }
 
-Twist twist_of(const JointSample& joint) {
-  return {to_vector(joint.linear_velocity), to_vector(joint.angular_velocity)};
-}
-
 }  // namespace
 
 PlayedHand::PlayedHand(HandSimulation& simulation, int hand, const HandOptions& options, HandKey key)
@@ -111,7 +107,6 @@ void PlayedHand::take_skeleton(Nanoseconds now, const Skeleton& skeleton) {
       const Pose moved = displacement * to_pose(joint);
       joint.position = to_wire(moved.position);
       joint.orientation = to_wire(moved.orientation);
-      joint.linear_velocity = joint.angular_velocity = {};
     }
     mean_velocities_ = {};
   } else {
@@ -154,20 +149,15 @@ void PlayedHand::set_targets(Nanoseconds now) {
   }
   if (!any_skeleton_) return;
   const double age = age_of(skeleton_.stamp.sample_time, now).value_or(0);
-  const IntermediateMotion motion = intermediate_motion(std::min(age, options_.extrapolation_limit));
+  const double ahead = std::min(age, options_.extrapolation_limit);
   const bool moving = age <= options_.extrapolation_limit;
   for (std::size_t b = 0; b < kBodyCount; ++b) {
     const std::size_t j = slot_of(joint_of(static_cast<Body>(b)));
     const JointSample& joint = skeleton_.joints[j];
     if ((joint.flags & kJointValid) == 0) continue;
-    const Twist own = twist_of(joint), &mean = mean_velocities_[j];
-    const Pose pose = increment(to_pose(joint), motion.own_time * own.linear + motion.mean_time * mean.linear,
-                                motion.own_time * own.angular + motion.mean_time * mean.angular);
-    Twist velocity;
-    if (moving) {
-      velocity.linear = motion.own_share * own.linear + (1 - motion.own_share) * mean.linear;
-      velocity.angular = motion.own_share * own.angular + (1 - motion.own_share) * mean.angular;
-    }
+    const Twist& mean = mean_velocities_[j];
+    const Pose pose = increment(to_pose(joint), ahead * mean.linear, ahead * mean.angular);
+    const Twist velocity = moving ? mean : Twist{};
     simulation_.set_target(static_cast<Body>(b), pose, velocity, std::max(joint.confidence, kLeastConfidence), hand_);
   }
 }

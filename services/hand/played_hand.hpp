@@ -94,7 +94,7 @@ class PlayedHand {
   SkinTractionReport traction_;
   TrackedInput tracked_;  // used only if the intermediate layer is left out
   Skeleton skeleton_;     // newest intermediate skeleton
-  // Of the joints of `skeleton_`: mean velocity over the last samples. A late sample is extrapolated with it.
+  // Of the joints of `skeleton_`: mean velocity over the last samples (device/intermediate_motion.hpp).
   std::array<Twist, kJointCount> mean_velocities_{};
   bool any_skeleton_ = false;
   bool reposition_asked_ = false;

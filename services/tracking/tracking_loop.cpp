@@ -48,22 +48,20 @@ double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, dou
   const int steps = std::max(1, static_cast<int>(std::lround(H / h)));
   const double limit = o.input.extrapolation_limit;
   double x = 1, v = 0, y = -1, w = 0;
-  double x_old = x, v_old = v, y_old = y, w_old = w;  // as published one hand period ago
-  double x_taken = x, mean = 0;                       // what the hand took last, and its mean velocity
+  double x_old = x, y_old = y, w_old = w;  // as published one hand period ago
+  double x_taken = x, mean = 0;            // what the hand took last, and its mean velocity
   const double scale = std::sqrt(mass / coupling);
   const auto norm = [&] { return std::sqrt(x * x + y * y + scale * scale * (v * v + w * w)); };
   double log_growth = 0;
   constexpr int kSettle = 100, kMeasure = 400;
   for (int period = 0; period < kSettle + kMeasure; ++period) {
     const double y_copy = old_periods > 0 ? y_old : y, w_copy = old_periods > 0 ? w_old : w;
-    const double x_copy = old_periods > 0 ? x_old : x, v_copy = old_periods > 0 ? v_old : v;
-    y_old = y, w_old = w, x_old = x, v_old = v;
-    const IntermediateMotion motion = intermediate_motion(std::min(old_periods * H, limit));
+    const double x_copy = old_periods > 0 ? x_old : x;
+    y_old = y, w_old = w, x_old = x;
     mean = mean_velocity(mean, x_copy - x_taken, H);
     x_taken = x_copy;
-    const double x_target = x_copy + motion.own_time * v_copy + motion.mean_time * mean;
-    const double v_target = motion.own_share * v_copy + (1 - motion.own_share) * mean;
-    const double dy = (mass * w / H + coupling * (x_target - y) + b2 * v_target) / (mass / (H * H) + b2 / H + coupling);
+    const double x_target = x_copy + std::min(old_periods * H, limit) * mean;
+    const double dy = (mass * w / H + coupling * (x_target - y) + b2 * mean) / (mass / (H * H) + b2 / H + coupling);
     for (int s = 0; s < steps; ++s) {
       const double y_age = std::min(old_periods * H + s * h, limit);
       const double dx = (m1 * v / h - k1 * x - kf * (x - y_copy - w_copy * y_age)) / (m1 / (h * h) + b1 / h + k1 + kf);
@@ -76,7 +74,7 @@ double growth_of(const TrackingOptions& o, double hand_rate_hz, double mass, dou
     const double size = norm();
     if (!(size > 0)) return 0;
     if (period >= kSettle) log_growth += std::log(size);
-    for (double* value : {&x, &v, &y, &w, &x_old, &v_old, &y_old, &w_old, &x_taken, &mean}) *value /= size;
+    for (double* value : {&x, &v, &y, &w, &x_old, &y_old, &w_old, &x_taken, &mean}) *value /= size;
   }
   return std::exp(log_growth / kMeasure);
 }

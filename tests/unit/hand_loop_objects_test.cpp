@@ -214,7 +214,7 @@ TEST(HandLoop, AFirstTouchGivesAFreeObjectItsImpulse) {
   HandLoop loop(model, options, {});
   loop.describe_object(cube(3));
   Nanoseconds now = kSecond;
-  const Vector3 below(-0.012, -0.018 - 0.02 - 0.02, -0.092);
+  const Vector3 below(-0.012, -0.018 - 0.02 - 0.022, -0.092);
   int i = 0;
   for (; i < 40 && !loop.simulation().touched(0); ++i) {
     now += 11'111'111;

@@ -173,8 +173,8 @@ double farthest_without_samples(double speed, double noise) {
 // The intermediate layer is stiff, so its velocity is mostly the tracker's noise: 0.1 mm give 0.3 m/s. Late samples
 // were extrapolated with it for 50 ms, not 3 ms. That moved a resting hand by 15 mm, and a held cube by more than 5 mm.
 TEST(HandLoop, NoiseOfTheVelocityDoesNotMoveAHandWithoutSamples) {
-  EXPECT_LT(farthest_without_samples(0, 0.3), 1.3e-3);
-  EXPECT_LT(farthest_without_samples(0.5, 0.3), 4e-3);
+  EXPECT_LT(farthest_without_samples(0, 0.3), 1e-9);
+  EXPECT_LT(farthest_without_samples(0.5, 0.3), 2e-3);
 }
 
 // The taken state is one in which an object is held. The second loop has another history of its solver and slots.
