@@ -1,7 +1,7 @@
 // How a bone of the intermediate skeleton moves on after its sample: with its mean velocity over the last samples.
 //
 // The spring to the tracked bone is stiff. So the intermediate bone jumps in the first milliseconds after each sample
-// of the tracker, and a good tracker's noise of 0.1 mm gives it 0.3 m/s. The hand's steps begin at that time
+// of the tracker. A good tracker's noise of 0.1 mm gives it 0.3 m/s. The hand's steps begin at that time
 // (`hand.phase_lock`). So the velocity in a sample says little about the next milliseconds.
 #pragma once
 

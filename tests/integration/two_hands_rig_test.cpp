@@ -204,7 +204,7 @@ TEST(TwoHandsOfOneProcess, TheProcessOfTheOtherHandIsRefused) {
       << hand.output;
 }
 
-// In two processes.
+// In two processes, at 90 Hz, with hands of 750 nodes.
 TEST(BallAndBox, AreHeldAgainAfterTheirHandAndTheWorldWereKilled) {
   constexpr std::uint32_t kLifted = 2;  // the table is object 1; the ball is flexible
   testing::use_own_domain();
@@ -214,6 +214,7 @@ TEST(BallAndBox, AreHeldAgainAfterTheirHandAndTheWorldWereKilled) {
   bus::Reader<WorldObjects> worlds(participant, bus::topics::objects);
   std::vector<std::string> arguments{"--scene", SOFTHAND_SOURCE_DIR "/config/scenes/ball_and_box.toml"};
   arguments.insert(arguments.end(), kRig.begin(), kRig.end());
+  arguments.insert(arguments.end(), {"--set", "hand.model=right_750.hand.json"});
   Up up("config/rigs/two_hands.toml", arguments);
   std::uint32_t contacts = 0, inverted = 0;
   double height = 0;
