@@ -288,15 +288,15 @@ struct JumpingRig {
 // stayed tangled (1,676 inverted elements). In the steps of the jump itself, which end far from their minimum, the
 // hand presses the ball with up to 1,200 N.
 TEST(BudgetedScenes, ASoftBallSurvivesAJumpOfTheTracker) {
-  for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0, -0.03, 0]",
-                                 "[0.015, 0, 0]", "[0, 0, -0.015]"}) {
+  for (const char* const jump : {"[0, 0.015, 0]", "[-0.015, 0, 0]", "[0, -0.01, 0]", "[0, 0.02, 0]", "[0, -0.03, 0]"}) {
     JumpingRig rig(jump);
     EXPECT_LT(rig.calm_force, 10) << jump;
     EXPECT_EQ(rig.simulation().inverted_elements(), 0) << jump;
   }
   // In these jumps the steps of the jump press with less than 100 N, too, with each instruction set. About half of all
   // jumps of 10 to 30 mm do, but which of them depends on the mesh and on the last digits of the solver.
-  for (const char* const jump : {"[0.018, 0, 0]", "[-0.03, 0, 0]", "[0, 0, 0.015]", "[0, 0, 0.024]"}) {
+  for (const char* const jump :
+       {"[0.015, 0, 0]", "[0, 0, -0.015]", "[0.018, 0, 0]", "[-0.03, 0, 0]", "[0, 0, 0.015]", "[0, 0, 0.024]"}) {
     JumpingRig rig(jump);
     EXPECT_LT(rig.summary["finger_force_max_n"].get<double>(), 100) << jump;
     EXPECT_EQ(rig.simulation().inverted_elements(), 0) << jump;
