@@ -326,9 +326,9 @@ TEST(BudgetedScenes, ASoftBallThatAHandIsWoundIntoIsPutBack) {
   EXPECT_GE(put_back, 4);
 }
 
-// Live steps begin 1.5 ms after a sample of the tracker has arrived. At that time the intermediate bones jump. When the
-// hand took their velocities for those of the next milliseconds, the noise of its wrist grew fourfold, the steps were
-// cut off, and they pressed the ball with up to 600 N. The ball was thrown away in 4 of 12 runs.
+// Live steps begin 1.5 ms after a sample of the tracker has arrived. At that time the intermediate bones jump. The hand
+// once took their velocities for those of the next milliseconds, and the noise of its wrist grew fourfold. Its steps
+// were cut off, and pressed the ball with up to 600 N. The ball was thrown away in 4 of 12 runs.
 TEST(BudgetedScenes, AStepRightAfterASampleIsAsQuietAsALaterOne) {
   struct Quiet {
     double noise = 0;  // m, of the wrist from step to step

@@ -179,8 +179,8 @@ TEST(HandLoop, BlockThatMovesWithTheHandIsPressedLikeARestingOne) {
   }
 }
 
-// A step at 60 Hz moves the coin by 0.17 m or by 0.27 m. 0.17 m is more than the distance within which an object is
-// mirrored. 0.27 m is more than the jump that counts as a teleport.
+// A step at 60 Hz moves the coin by 0.17 m or by 0.27 m. The shorter way is more than the distance within which an
+// object is mirrored. The longer one is more than the jump that counts as a teleport.
 TEST(HandLoop, TouchesObjectsOfAnySpeed) {
   const HandModel model = hand();
   HandOptions options = loop_options();
