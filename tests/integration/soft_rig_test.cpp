@@ -162,7 +162,8 @@ TEST_F(SoftRig, ASharedBallOutlivesItsHandAndItsWorld) {
   ASSERT_TRUE(waits(20s, [&] { return listener.process_id("hand") != hand; })) << state();
   const auto is_at_copy = [&] { return !owned_ && (to_vector(copy.centre) - centre_).norm() < 2e-3; };
   ASSERT_TRUE(waits(20s, is_at_copy)) << "the new hand has the ball where the world has it\n" << state();
-  // A ball that is let go in a squeeze may roll out of the way of the next one.
+  ASSERT_TRUE(waits(30s, [this] { return owned_ && touched_; })) << "and takes it there\n" << state();
+  // A ball that was let go in a squeeze may have rolled aside. The fingers then squeeze its edge, not its middle.
   ASSERT_EQ(run_program({SOFTHAND_PROGRAMS "/softhand", "send", "*", "object.reset", "ball"}).exit_code, 0);
   ASSERT_TRUE(waits(30s, [&] { return squeezed() && copy.owned == 1; })) << state();
   EXPECT_TRUE(finite_);
