@@ -10,6 +10,7 @@
 #include <iterator>
 #include <map>
 #include <numeric>
+#include <set>
 #include <sstream>
 #include <stdexcept>
 
@@ -180,12 +181,13 @@ TriangleMesh read_gltf(std::istream& in, const std::string& path) try {
   const std::string folder = std::filesystem::path(path).parent_path().string();
   const GltfFile file(in, path, &folder);
   TriangleMesh out;
-  std::size_t visited = 0;
+  std::set<std::size_t> visited;
   const std::function<void(std::size_t, const Eigen::Affine3d&, int)> visit =
       [&](std::size_t index, const Eigen::Affine3d& parent, int depth) {
         const json& node = file.element("nodes", index);
         const std::string where = "nodes[" + std::to_string(index) + "]";
-        file.check(++visited <= 10'000 && depth <= 256, where, "a tree of at most 10000 nodes and 256 levels");
+        // A node with two parents is not glTF. In a chain of such nodes a few would stand for millions of triangles.
+        file.check(visited.insert(index).second && depth <= 256, where, "one parent and at most 256 levels");
         const Eigen::Affine3d here = parent * transformation(file, node, where);
         if (node.contains("mesh")) add_gltf_mesh(file, file.index(node, "mesh", where), here, out);
         if (!node.contains("children")) return;
@@ -246,9 +248,10 @@ TriangleMesh load_mesh(const std::string& path, double scale) {
   } else {
     throw std::runtime_error(path + ": suffix '" + suffix + "', expected .obj, .stl, .glb or .gltf");
   }
-  // Also false for NaN. The cells of the weld are integers.
+  // The cells of the weld are integers. Eigen's maximum can pass over a NaN.
   for (const Vector3& v : mesh.vertices)
-    if (!(v.cwiseAbs().maxCoeff() * scale < 1e6)) throw std::runtime_error(path + ": expected finite coordinates");
+    if (!v.allFinite() || !(v.cwiseAbs().maxCoeff() * scale < 1e6))
+      throw std::runtime_error(path + ": expected finite coordinates");
   mesh = welded(mesh, scale);
   if (mesh.triangles.empty()) throw std::runtime_error(path + ": expected triangles, found none with an area");
   return mesh;

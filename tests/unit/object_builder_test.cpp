@@ -157,6 +157,10 @@ TEST_F(ObjectBuilder, RefusesBadMeshFiles) {
     std::string text = good;
     return text.replace(text.find(old), old.size(), changed);
   };
+  // Two infinities have no difference, here in y only.
+  std::string infinities = with("\"translation\":[1,0,0]", "\"scale\":[1,1e300,1]");
+  const std::string stretch = "\"scale\":[2,1,1]";
+  infinities.replace(infinities.find(stretch), stretch.size(), "\"matrix\":[1,1e300,0,0,0,-1e300,0,0,0,0,1,0,0,0,0,1]");
   const std::pair<std::string, const char*> cases[] = {
       {write("a.obj", "v 0 0\n"), ":1: expected 3 finite numbers"},
       {write("b.obj", "v 0 0 nan\n"), ":1: expected 3 finite numbers"},
@@ -173,7 +177,9 @@ TEST_F(ObjectBuilder, RefusesBadMeshFiles) {
       {write("m.ply", "ply"), "expected .obj, .stl, .glb or .gltf"},
       {write("n.gltf", with("\"componentType\":5123", "\"componentType\":5126")),
        "accessors[0] (indices): expected whole"},
-      {write("o.gltf", with("\"children\":[1]", "\"children\":[0]")), "at most 10000 nodes and 256 levels"},
+      {write("o.gltf", with("\"children\":[1]", "\"children\":[0]")), "nodes[0]: expected one parent"},
+      {write("r.gltf", with("\"children\":[1]", "\"children\":[1,1]")), "nodes[1]: expected one parent"},
+      {write("s.gltf", infinities), "finite coordinates"},
       {write("p.gltf", with("box.bin", "/dev/zero")), "buffers[0].uri: expected a file in the folder"},
       {write("q.gltf", with("box.bin", "../box.bin")), "buffers[0].uri: expected a file in the folder"},
       {(folder_ / "none.obj").string(), "cannot be opened"},
