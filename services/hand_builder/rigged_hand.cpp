@@ -25,7 +25,7 @@ TriangleMesh read_mesh(const GltfFile& file, const json& mesh, std::size_t joint
   file.check(primitives != mesh.end() && primitives->is_array() && !primitives->empty(), "meshes.primitives",
              "at least one");
   for (const json& primitive : *primitives) {
-    file.check(primitive.value("mode", 4) == 4, "meshes.primitives.mode", "4 (triangles)");
+    file.check(file.index(primitive, "mode", "meshes.primitives", 4) == 4, "meshes.primitives.mode", "4 (triangles)");
     const auto attributes = primitive.find("attributes");
     file.check(attributes != primitive.end() && attributes->is_object(), "meshes.primitives.attributes", "a table");
     const auto attribute = [&](const char* key, const char* type) {

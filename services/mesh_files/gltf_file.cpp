@@ -127,8 +127,10 @@ const json& GltfFile::element(const char* list, std::size_t index) const {
   return (*found)[index];
 }
 
-std::size_t GltfFile::index(const json& object, const char* key, const std::string& where) const {
+std::size_t GltfFile::index(const json& object, const char* key, const std::string& where,
+                            std::optional<std::size_t> absent) const {
   const auto found = object.find(key);
+  if (found == object.end() && absent) return *absent;
   check(found != object.end() && found->is_number_unsigned(), where + "." + key, "an index");
   return found->get<std::size_t>();
 }
@@ -148,10 +150,10 @@ std::vector<double> GltfFile::numbers(std::size_t accessor_index, const std::str
   check(component == 5121 || component == 5123 || component == 5125 || component == 5126, where + ".componentType",
         "5121, 5123, 5125 or 5126");
   const std::size_t width = component == 5121 ? 1 : component == 5123 ? 2 : 4;
-  const std::size_t start = view.value("byteOffset", std::size_t{0}),
-                    offset = accessor.value("byteOffset", std::size_t{0});
+  const std::size_t start = index(view, "byteOffset", where + ".bufferView", 0),
+                    offset = index(accessor, "byteOffset", where, 0);
   const std::size_t length = index(view, "byteLength", where + ".bufferView");
-  const std::size_t stride = view.value("byteStride", columns * width);
+  const std::size_t stride = index(view, "byteStride", where + ".bufferView", columns * width);
   const std::size_t size = binary.size();
   check(count > 0 && count <= size && offset <= size && stride >= columns * width && stride <= 252 && length <= size &&
             start <= size - length && offset + (count - 1) * stride + columns * width <= length,
@@ -184,7 +186,8 @@ std::vector<std::size_t> GltfFile::indices(std::size_t accessor_index, const std
                                            std::size_t limit) const {
   const json& accessor = element("accessors", accessor_index);
   const std::string where = "accessors[" + std::to_string(accessor_index) + "] (" + what + ")";
-  check(accessor.value("componentType", 0) != 5126 && !accessor.value("normalized", false), where, "whole numbers");
+  check(index(accessor, "componentType", where) != 5126 && !accessor.value("normalized", false), where,
+        "whole numbers");
   std::vector<std::size_t> out;
   for (const double value : numbers(accessor_index, type, what)) {
     check(value < static_cast<double>(limit), where, "indices below " + std::to_string(limit));

@@ -3,6 +3,7 @@
 
 #include <iosfwd>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,9 @@ class GltfFile {
   void check(bool good, const std::string& field, const std::string& expected) const;
   const nlohmann::json& document() const { return document_; }
   const nlohmann::json& element(const char* list, std::size_t index) const;
-  std::size_t index(const nlohmann::json& object, const char* key, const std::string& where) const;
+  /// A whole number from 0. Without the key it is `absent`, or an error if `absent` is empty.
+  std::size_t index(const nlohmann::json& object, const char* key, const std::string& where,
+                    std::optional<std::size_t> absent = {}) const;
   /// The numbers of an accessor, row by row. `type` is SCALAR, VEC3, VEC4 or MAT4. Normalised integers are returned as
   /// fractions.
   std::vector<double> numbers(std::size_t accessor_index, const std::string& type, const std::string& what) const;

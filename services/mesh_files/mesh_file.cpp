@@ -150,7 +150,7 @@ void add_gltf_mesh(const GltfFile& file, std::size_t index, const Eigen::Affine3
   const auto primitives = mesh.find("primitives");
   file.check(primitives != mesh.end() && primitives->is_array(), where, "a list");
   for (const json& primitive : *primitives) {
-    file.check(primitive.is_object() && primitive.value("mode", 4) == 4, where + ".mode", "4 (triangles)");
+    file.check(primitive.is_object() && file.index(primitive, "mode", where, 4) == 4, where + ".mode", "4 (triangles)");
     const auto attributes = primitive.find("attributes");
     file.check(attributes != primitive.end() && attributes->is_object(), where + ".attributes", "a table");
     const auto positions = file.numbers(file.index(*attributes, "POSITION", where + ".attributes"), "VEC3", "POSITION");
