@@ -11,6 +11,7 @@ constexpr int kMaxPredictions = 6;
 // Ratio of two increments. Above it, a new factor costs less than the iterations that it saves.
 constexpr double kSlowContraction = 0.15;
 constexpr double kStalledPrediction = 0.5;  // ratio of two increments, or of two residuals
+constexpr double kFarPrediction = 1.5;      // ratio of two residuals: from a state so far off, chord steps fail
 // Largest movement of a node or bone over the tolerance of the RMS. One node of 1,450 could otherwise move 38
 // tolerances.
 constexpr double kLargest = 7;
@@ -114,12 +115,13 @@ Predictor::Outcome Predictor::step(State& state, double time_step, IncrementalPo
     const bool fell = report.energy <= least + report.rounding() + kNoEnergy;
     least = std::min(least, report.energy);
     note_lowest();
-    if (stalled) return give_up();
     // With a factor that is much too stiff the increments are small, however large the residual is.
     const bool shrank = report.residual <= std::max(residual_tolerance_, kStalledPrediction * residual);
+    const bool is_far = report.residual > std::max(residual_tolerance_, kFarPrediction * residual);
+    if (stalled || is_far || (!shrank && has_new_factor && !renewed)) return give_up();
     if (moved_little && fell && shrank) return Outcome::converged;
     before = moved;
-    if (!shrank && !renewed && !renews) {
+    if (!shrank && !has_new_factor && !renews) {
       renews = true;
       before = std::numeric_limits<double>::infinity();  // not comparable with the increments of a better factor
       if (!potential.evaluate(state, meter, {.hessian = true, .may_be_result = false})) return give_up();
