@@ -26,6 +26,10 @@ constexpr double kBalanced = 0.3, kFast = 0.5;
 // N m): there, contact alone is solved instead.
 constexpr double kOverrun = 0.9;
 constexpr double kCalm = 10;
+// With a new Hessian and factor they may take this work beyond it, while the residual (N, N m) is above this. Below it
+// they gain no more than iterations with the last factor.
+constexpr double kWholeOverrun = 1.2;
+constexpr double kRemote = 1;
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
@@ -83,7 +87,8 @@ FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_r
     // remaining work may be spent.
     const bool has_whole = has_whole_factor(report);
     const double reserve = has_whole ? 0.0 : whole_work_;
-    const bool affords_whole = remaining >= whole_work_;
+    const double whole_overrun = condenses && saves_hessians() && report.residual > kRemote ? kWholeOverrun : 0.0;
+    const bool affords_whole = remaining + whole_overrun >= whole_work_;
     if (!renews && !has_whole && affords_whole && remaining - reuse_work_ < whole_work_ &&
         iterations_until(remaining_move_, 1, contraction_) * reuse_work_ > remaining)
       renews = true;
@@ -92,7 +97,7 @@ FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_r
     // If a chord step did not factorise in this step, its factor is not usable here.
     // The direction of a factor without the contacts of a revision would go into the object.
     const double overrun = condenses && report.residual <= kCalm ? kOverrun : 0.0;
-    stops = remaining + overrun < reuse_work_ || (!renews && (!has_factor_ || is_revised_));
+    stops = !renews && (remaining + overrun < reuse_work_ || !has_factor_ || is_revised_);
   }
   return {.stops = stops,
           .renewal = renews_kinks ? Renewal::kinks

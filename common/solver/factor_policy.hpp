@@ -7,7 +7,8 @@
 //
 // With a budget, a step first reserves the work of one new Hessian and factor. It spends the rest on cheaper
 // iterations. After a step that the budget cut off far from the minimum, the next step begins with a new Hessian and
-// factor. Iterations on the condensed hand may take some work beyond the budget, because they gain most.
+// factor. Iterations on the condensed hand may take some work beyond the budget, because they gain most. Far from the
+// minimum that includes a new Hessian and factor.
 #pragma once
 
 #include <cstdint>
@@ -30,6 +31,9 @@ class FactorPolicy {
   bool may_reuse() const { return may_reuse_; }
   /// Whether a step may solve contact on the condensed hand.
   bool may_condense() const { return may_condense_; }
+  /// Whether a step with a budget computes a Hessian only for a factor that it affords, or to solve contact alone. With
+  /// flexible objects, the condensed solve costs several factors. Then saving Hessians gains nothing.
+  bool saves_hessians() const { return options_.work_budget > 0 && !options_.condenses_all_contact; }
   /// Whether the next iteration needs no new Hessian.
   bool reuses() const { return reuses_; }
 

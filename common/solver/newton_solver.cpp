@@ -250,7 +250,9 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
       }
       if (!direction_.allFinite()) return false;
       report.increment = direction_.size() > 0 ? direction_.lpNorm<Eigen::Infinity>() : 0.0;
-      linearised = !is_last && !policy_.may_reuse() && kUsualReduction * report.residual > options_.residual_tolerance;
+      linearised = !is_last && !policy_.may_reuse() &&
+                   (!policy_.saves_hessians() || policy_.affords_whole_factor(report)) &&
+                   kUsualReduction * report.residual > options_.residual_tolerance;
       if (!options_.line_search) {
         linkage_.move(state, direction_, scale = 1);
         if (evaluated && !potential_.evaluate(state, meter, {.hessian = linearised})) return false;
@@ -329,7 +331,11 @@ bool NewtonSolver::minimise(State& state, double time_step, bool may_be_chord, b
     if (!(evaluated && has_gradient) && !potential_.evaluate(state, meter, {})) return false;
     evaluated = true;
     // A condensed step that is near its minimum has solved contact.
-    if (!(condenses && FactorPolicy::is_balanced(report)) && !solve_contact(state, meter)) return false;
+    if (!(condenses && FactorPolicy::is_balanced(report))) {
+      if (policy_.saves_hessians() && !linearised && !potential_.evaluate(state, meter, {.hessian = true}))
+        return false;
+      if (!solve_contact(state, meter)) return false;
+    }
   }
   report.measured = evaluated;
   return true;
