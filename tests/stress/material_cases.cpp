@@ -239,12 +239,7 @@ std::vector<Case> material_cases() {
   }
   rows = &cases.add("stiffness_ratio", "palm and back are `ratio` times stiffer than the softest tissue");
   for (const double ratio : {1e2, 1e4, 1e8})
-    rows->push_back(
-        {named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); },
-         ratio == 1e8
-             ? Known{Class::violated, "a point of 5.1 mm^2 beside the rigid skin carries 2.4 N: F/(k_c A) is 0.53 mm"}
-             : Known{},
-         ratio == 1e4});
+    rows->push_back({named("ratio", ratio), [ratio] { return stiffness_ratio(ratio); }, {}, ratio == 1e4});
   rows = &cases.add("strain_limit", "k_s = c W_max; the held cube moves less than 10 um RMS");
   for (const double c : {0.0, 1.0, 10.0, 1e3, 1e6})
     rows->push_back({named("c", c), [c] { return strain_limit(c); }, {}, c == 0 || c == 1e6});
