@@ -26,10 +26,10 @@ constexpr double kBalanced = 0.3, kFast = 0.5;
 // N m): there, contact alone is solved instead.
 constexpr double kOverrun = 0.9;
 constexpr double kCalm = 10;
-// With a new Hessian and factor they may take this work beyond it, while the residual (N, N m) is above this. Below it
-// they gain no more than iterations with the last factor.
+// A condensed iteration with a new Hessian and factor may end this work (fast steps) beyond the budget. It does so only
+// above this residual (N, N m). Below it, iterations with the last factor gain as much for the same work.
 constexpr double kWholeOverrun = 1.2;
-constexpr double kRemote = 1;
+constexpr double kFarResidual = 1;
 
 // The number of iterations until `now` falls to `tolerance` at this contraction.
 double iterations_until(double now, double tolerance, double contraction) {
@@ -87,7 +87,7 @@ FactorPolicy::Decision FactorPolicy::decide(const StepReport& report, bool can_r
     // remaining work may be spent.
     const bool has_whole = has_whole_factor(report);
     const double reserve = has_whole ? 0.0 : whole_work_;
-    const double whole_overrun = condenses && saves_hessians() && report.residual > kRemote ? kWholeOverrun : 0.0;
+    const double whole_overrun = condenses && saves_hessians() && report.residual > kFarResidual ? kWholeOverrun : 0.0;
     const bool affords_whole = remaining + whole_overrun >= whole_work_;
     if (!renews && !has_whole && affords_whole && remaining - reuse_work_ < whole_work_ &&
         iterations_until(remaining_move_, 1, contraction_) * reuse_work_ > remaining)

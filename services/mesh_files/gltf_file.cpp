@@ -131,7 +131,7 @@ std::size_t GltfFile::index(const json& object, const char* key, const std::stri
                             std::optional<std::size_t> absent) const {
   const auto found = object.find(key);
   if (found == object.end() && absent) return *absent;
-  check(found != object.end() && found->is_number_unsigned(), where + "." + key, "an index");
+  check(found != object.end() && found->is_number_unsigned(), where + "." + key, "a whole number from 0");
   return found->get<std::size_t>();
 }
 

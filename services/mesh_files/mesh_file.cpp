@@ -186,7 +186,8 @@ TriangleMesh read_gltf(std::istream& in, const std::string& path) try {
       [&](std::size_t index, const Eigen::Affine3d& parent, int depth) {
         const json& node = file.element("nodes", index);
         const std::string where = "nodes[" + std::to_string(index) + "]";
-        // A node with two parents is not glTF. In a chain of such nodes a few would stand for millions of triangles.
+        // In glTF a node has at most one parent. With two parents a node, a document of 3 kB can mean millions of
+        // triangles.
         file.check(visited.insert(index).second && depth <= 256, where, "one parent and at most 256 levels");
         const Eigen::Affine3d here = parent * transformation(file, node, where);
         if (node.contains("mesh")) add_gltf_mesh(file, file.index(node, "mesh", where), here, out);
@@ -248,10 +249,9 @@ TriangleMesh load_mesh(const std::string& path, double scale) {
   } else {
     throw std::runtime_error(path + ": suffix '" + suffix + "', expected .obj, .stl, .glb or .gltf");
   }
-  // The cells of the weld are integers. Eigen's maximum can pass over a NaN.
+  // The cells of the weld are integers. The comparison is false for NaN, which Eigen's maximum can pass over.
   for (const Vector3& v : mesh.vertices)
-    if (!v.allFinite() || !(v.cwiseAbs().maxCoeff() * scale < 1e6))
-      throw std::runtime_error(path + ": expected finite coordinates");
+    if (!(scale * v.array().abs() < 1e6).all()) throw std::runtime_error(path + ": expected finite coordinates");
   mesh = welded(mesh, scale);
   if (mesh.triangles.empty()) throw std::runtime_error(path + ": expected triangles, found none with an area");
   return mesh;
