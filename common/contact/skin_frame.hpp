@@ -12,26 +12,45 @@
 
 namespace softhand {
 
-struct SkinFrame {
-  Pose pose;                        ///< of the frame in the world
-  Vector3 t2, n;                    ///< axes, world
-  double length;                    ///< |b - a|, m
-  double twice_area;                ///< m^2
-  std::array<Vector3, 3> opposite;  ///< by corner: the edge that it does not have, counter-clockwise
-  // Lower limits keep the derivatives of a collapsed triangle finite.
-  static constexpr double kLeastLength = 1e-6;      // m
-  static constexpr double kLeastTwiceArea = 1e-10;  // m^2
+/// The plane of a triangle of the skin.
+struct SkinPlane {
+  Vector3 middle;                                   ///< mean of the corners, world, m
+  Vector3 n;                                        ///< outward normal, world
+  double twice_area;                                ///< m^2
+  std::array<Vector3, 3> opposite;                  ///< by corner: the edge that it does not have, counter-clockwise
+  static constexpr double kLeastTwiceArea = 1e-10;  // m^2; it keeps the derivatives of a collapsed triangle finite
 
-  SkinFrame(const Vector3& a, const Vector3& b, const Vector3& c) : opposite{c - b, a - c, b - a} {
+  SkinPlane(const Vector3& a, const Vector3& b, const Vector3& c)
+      : middle((a + b + c) / 3), opposite{c - b, a - c, b - a} {
     const Vector3 across = opposite[2].cross(opposite[0]);
     twice_area = std::max(across.norm(), kLeastTwiceArea);
-    length = std::max(opposite[2].norm(), kLeastLength);
     n = across / twice_area;
+  }
+
+  /// Barycentric weights of the projection of `place`.
+  Vector3 weights(const Vector3& place) const {
+    const Vector3 from_middle = place - middle;
+    Vector3 result;
+    for (std::size_t k = 0; k < 3; ++k)
+      result[static_cast<Eigen::Index>(k)] = 1.0 / 3 + n.cross(opposite[k]).dot(from_middle) / twice_area;
+    return result;
+  }
+};
+
+/// The frame of a triangle of the skin.
+struct SkinFrame : SkinPlane {
+  Pose pose;                                    ///< of the frame in the world
+  Vector3 t2;                                   ///< axis, world
+  double length;                                ///< |b - a|, m
+  static constexpr double kLeastLength = 1e-6;  // m; as kLeastTwiceArea
+
+  SkinFrame(const Vector3& a, const Vector3& b, const Vector3& c) : SkinPlane(a, b, c) {
+    length = std::max(opposite[2].norm(), kLeastLength);
     const Vector3 t1 = opposite[2] / length;
     t2 = n.cross(t1);
     Matrix3 axes;
     axes << t1, t2, n;
-    pose.position = (a + b + c) / 3;
+    pose.position = middle;
     pose.orientation = Quaternion(axes).normalized();
   }
 

@@ -14,17 +14,9 @@ constexpr double kSlack = 1e-4;   // m; patches and points that come so near are
 constexpr double kRoom = 1e-3;    // m; so far nodes may move before the near patches are listed again
 constexpr double kEdge = 1e-6;    // relative; a place this far outside a triangle is still on it
 constexpr double kFacing = 0.25;  // cosine between the normals of skin that faces a triangle, with the opposite sign
-constexpr int kMostHops = 8;      // of an anchor from triangle to triangle
-
-// Barycentric weights of the projection of `place`.
-Vector3 weights_of(const SkinFrame& frame, const Vector3& place) {
-  const Vector3 from_middle = place - frame.pose.position;
-  Vector3 weights;
-  for (std::size_t k = 0; k < 3; ++k)
-    weights[static_cast<Eigen::Index>(k)] =
-        1.0 / 3 + frame.n.cross(frame.opposite[k]).dot(from_middle) / frame.twice_area;
-  return weights;
-}
+// Squared heights whose ratio is larger than this differ, whatever the rounding.
+constexpr double kClearlyFarther = 1 + 1e-6;
+constexpr int kMostHops = 8;  // of an anchor from triangle to triangle
 
 }  // namespace
 
@@ -46,16 +38,18 @@ SkinSearch::SkinSearch(const TissueModel& model, const ContactPoints& points)
     neighbours_.erase(std::unique(neighbours_.begin() + begin, neighbours_.end()), neighbours_.end());
     first_neighbour_.push_back(neighbours_.size());
   }
-  std::int32_t first = model.node_count();
-  for (const auto& corners : triangles_) first = std::min(first, *std::min_element(corners.begin(), corners.end()));
-  for (const auto& corners : model.tetrahedra)
-    first = std::min(first, *std::min_element(corners.begin(), corners.end()));
-  first_node_ = first;
-  const int owner = triangles_.empty() ? 0 : skin_owner(skin_part(model.node_body[static_cast<std::size_t>(first)]));
+  for (const SkinPatches::Patch& patch : patches_.patches())
+    skin_nodes_.insert(skin_nodes_.end(), patch.nodes.begin(), patch.nodes.end());
+  std::sort(skin_nodes_.begin(), skin_nodes_.end());
+  skin_nodes_.erase(std::unique(skin_nodes_.begin(), skin_nodes_.end()), skin_nodes_.end());
+  const int owner =
+      skin_nodes_.empty() ? 0 : skin_owner(skin_part(model.node_body[static_cast<std::size_t>(skin_nodes_.front())]));
   carpus_ = static_cast<std::size_t>((owner < kMostHands ? owner * kBodyCount : 0) + index_of(Body::carpus));
   starts_ = ends_ = local_starts_ = local_ends_ = listed_ = Eigen::Matrix3Xd::Zero(3, model.node_count());
   const auto places = static_cast<std::size_t>(points.count()) * static_cast<std::size_t>(patches_.part_count());
   paths_.resize(static_cast<std::size_t>(points.count()));
+  start_sides_.resize(triangles_.size());
+  end_sides_.resize(triangles_.size());
   candidates_.reserve(places);
   candidate_of_.assign(places, -1);
 }
@@ -74,17 +68,9 @@ void SkinSearch::keep(const SkinCandidate& candidate, int part) {
   if (rank(candidate) < rank(other)) other = candidate;
 }
 
-// Has the sign of the height of `place` above the triangle. Nearly all triangles need no more.
-double SkinSearch::signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const {
-  const auto& c = corners(triangle);
-  const Vector3 a = node_positions.col(c[0]);
-  return (node_positions.col(c[1]) - a).cross(node_positions.col(c[2]) - a).dot(place - a);
-}
-
 void SkinSearch::set_local(const Pose& carpus, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const {
   const Matrix3 turn = carpus.orientation.toRotationMatrix().transpose();
-  for (Eigen::Index n = first_node_; n < positions.cols(); ++n)
-    local.col(n) = turn * (positions.col(n) - carpus.position);
+  for (const std::int32_t n : skin_nodes_) local.col(n) = turn * (positions.col(n) - carpus.position);
 }
 
 void SkinSearch::begin_step(const State& state, double time_step, double reach) {
@@ -104,12 +90,12 @@ void SkinSearch::set_ends(const State& state) {
   follow_paths(kSlack);
 }
 
-// Bounds the paths in the list of near patches. The list stays until a node has moved so far that a pair of patches
-// that is not in the list may have come within `margin`.
+// Bounds the paths in the list of near patches. Nodes that have moved far may have brought other pairs of patches
+// within `margin`. Then the patches are listed again.
 void SkinSearch::follow_paths(double margin) {
   margin_ = margin;
   double square = 0, longest = 0;
-  for (Eigen::Index n = first_node_; n < listed_.cols(); ++n) {
+  for (const std::int32_t n : skin_nodes_) {
     square = std::max({square, (local_starts_.col(n) - listed_.col(n)).squaredNorm(),
                        (local_ends_.col(n) - listed_.col(n)).squaredNorm()});
     longest = std::max(longest, (local_ends_.col(n) - local_starts_.col(n)).squaredNorm());
@@ -123,9 +109,14 @@ void SkinSearch::follow_paths(double margin) {
   }
   pairs_ = patches_.meet(local_starts_, local_ends_, margin);
   for (const std::int32_t patch : patches_.overlapping_patches()) {
-    for (const std::int32_t point : patches_.patches()[static_cast<std::size_t>(patch)].points) {
+    const SkinPatches::Patch& own = patches_.patches()[static_cast<std::size_t>(patch)];
+    for (const std::int32_t point : own.points) {
       const Vector3 start = points_->at(point, local_starts_), end = points_->at(point, local_ends_);
       paths_[static_cast<std::size_t>(point)] = {0.5 * (start + end), 0.5 * (end - start).norm()};
+    }
+    for (const std::int32_t triangle : own.triangles) {
+      start_sides_[static_cast<std::size_t>(triangle)] = side(triangle, starts_);
+      end_sides_[static_cast<std::size_t>(triangle)] = side(triangle, ends_);
     }
   }
 }
@@ -135,18 +126,22 @@ std::optional<SkinCandidate> SkinSearch::inside(int patch, int point) const {
   std::optional<SkinCandidate> result;
   double least = reach_;
   for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
-    if (!(signed_volume(triangle, starts_, place) < 0)) continue;
-    const SkinFrame there = frame(triangle, starts_);
-    const double height = there.n.dot(place - there.pose.position);
-    if (-height >= least || weights_of(there, place).minCoeff() < -kEdge) continue;
+    const Side& side = start_sides_[static_cast<std::size_t>(triangle)];
+    const double volume = side.signed_volume(place);
+    if (!(volume < 0)) continue;
+    const double square = std::max(side.across.squaredNorm(), SkinPlane::kLeastTwiceArea * SkinPlane::kLeastTwiceArea);
+    if (volume * volume > kClearlyFarther * least * least * square) continue;
+    const SkinPlane there = plane(triangle, starts_);
+    const double height = there.n.dot(place - there.middle);
+    if (-height >= least || there.weights(place).minCoeff() < -kEdge) continue;
     least = -height;
-    result = SkinCandidate{point, triangle, there.pose.inverse() * place, least};
+    result = SkinCandidate{point, triangle, frame(triangle, starts_).pose.inverse() * place, least};
   }
   if (result) {
     Vector3 outward = Vector3::Zero();
     for (const std::int32_t triangle : patches_.triangles_around(patches_.node_of_point(point)))
-      outward += frame(triangle, starts_).n;
-    result->faces = outward.dot(frame(result->triangle, starts_).n) < -kFacing * outward.norm();
+      outward += plane(triangle, starts_).n;
+    result->faces = outward.dot(plane(result->triangle, starts_).n) < -kFacing * outward.norm();
   }
   return result;
 }
@@ -156,13 +151,15 @@ std::optional<SkinCandidate> SkinSearch::crossed(int patch, int point) const {
   std::optional<SkinCandidate> result;
   double first = std::numeric_limits<double>::infinity();
   for (const std::int32_t triangle : patches_.patches()[static_cast<std::size_t>(patch)].triangles) {
-    if (!(signed_volume(triangle, starts_, start) >= 0) || !(signed_volume(triangle, ends_, end) < 0)) continue;
+    if (!(start_sides_[static_cast<std::size_t>(triangle)].signed_volume(start) >= 0) ||
+        !(end_sides_[static_cast<std::size_t>(triangle)].signed_volume(end) < 0))
+      continue;
     const SkinFrame before = frame(triangle, starts_), after = frame(triangle, ends_);
     const double from = std::max(0.0, before.n.dot(start - before.pose.position));
     const double to = after.n.dot(end - after.pose.position);
     const double part = from - to > 0 ? from / (from - to) : 0.0;
     if (part >= first) continue;
-    const Vector3 weights = (1 - part) * weights_of(before, start) + part * weights_of(after, end);
+    const Vector3 weights = (1 - part) * before.weights(start) + part * after.weights(end);
     if (weights.minCoeff() < -kEdge) continue;
     first = part;
     const auto& c = corners(triangle);
@@ -173,8 +170,8 @@ std::optional<SkinCandidate> SkinSearch::crossed(int patch, int point) const {
   return result;
 }
 
-// A point that went round a corner of the skin is far behind the triangle that it crossed, and just behind or in front
-// of the next one. Moves the candidate to that triangle. Returns false if the point is outside there.
+// A point that went round a corner of the skin is far behind the triangle that it crossed. It is just behind or in
+// front of the next one. Moves the candidate to that triangle. Returns false if the point is outside there.
 bool SkinSearch::turns_corner(SkinCandidate& candidate) const {
   const Vector3 end = points_->at(candidate.point, ends_);
   const SkinFrame crossed = frame(candidate.triangle, ends_);

@@ -125,7 +125,21 @@ class SkinSearch {
   void keep(const SkinCandidate& candidate, int part);
   void follow_paths(double margin);
   bool turns_corner(SkinCandidate& candidate) const;
-  double signed_volume(int triangle, const Eigen::Matrix3Xd& node_positions, const Vector3& place) const;
+  // Which side of a triangle a place is on. Nearly all triangles need no more.
+  struct Side {
+    Vector3 corner, across;  // the first corner; the outward normal times twice the area
+    // Has the sign of the height of `place` above the triangle.
+    double signed_volume(const Vector3& place) const { return across.dot(place - corner); }
+  };
+  Side side(int triangle, const Eigen::Matrix3Xd& node_positions) const {
+    const auto& c = corners(triangle);
+    const Vector3 a = node_positions.col(c[0]);
+    return {a, (node_positions.col(c[1]) - a).cross(node_positions.col(c[2]) - a)};
+  }
+  SkinPlane plane(int triangle, const Eigen::Matrix3Xd& node_positions) const {
+    const auto& c = corners(triangle);
+    return {node_positions.col(c[0]), node_positions.col(c[1]), node_positions.col(c[2])};
+  }
   void set_local(const Pose& carpus, const Eigen::Matrix3Xd& positions, Eigen::Matrix3Xd& local) const;
   std::optional<SkinCandidate> inside(int patch, int point) const;
   std::optional<SkinCandidate> crossed(int patch, int point) const;
@@ -135,10 +149,11 @@ class SkinSearch {
   std::vector<std::size_t> first_neighbour_;  // by triangle, and the total at the end
   std::vector<std::int32_t> neighbours_;      // triangles that share a corner
   SkinPatches patches_;
-  Eigen::Index first_node_ = 0;     // of the model's tissue
-  std::size_t carpus_ = 0;          // body of the state
-  Eigen::Matrix3Xd starts_, ends_;  // by node
-  // The same in the frame of the carpus of the first hand of the model. A motion of this hand brings nothing near.
+  std::vector<std::int32_t> skin_nodes_;  // of all patches, ascending
+  std::size_t carpus_ = 0;                // body of the state
+  Eigen::Matrix3Xd starts_, ends_;        // by node
+  // The same for the nodes of the skin, in the frame of the carpus of the first hand of the model. A motion of this
+  // hand brings nothing near.
   Eigen::Matrix3Xd local_starts_, local_ends_;
   Eigen::Matrix3Xd listed_;    // when the near patches were listed
   double listed_margin_ = -1;  // m, of this list; < 0: there is none
@@ -146,7 +161,9 @@ class SkinSearch {
     Vector3 middle = Vector3::Zero();
     double half = 0;  // of its length, m
   };
-  std::vector<Path> paths_;  // by point, in the frame of the carpus; valid in overlapping patches
+  // Valid in overlapping patches.
+  std::vector<Path> paths_;                                       // by point, in the frame of the carpus
+  std::vector<Side> start_sides_, end_sides_;                     // by triangle
   std::span<const std::pair<std::int32_t, std::int32_t>> pairs_;  // patches that meet
   std::vector<SkinCandidate> candidates_;                         // scratch of a search
   std::vector<std::int32_t> candidate_of_;                        // by (point, part): place in `candidates_`; -1: none
