@@ -7,11 +7,15 @@ namespace {
 // The solves read each tile of the factor once. Those of a large mesh wait for memory, so they ask for a tile this many
 // tiles before they read it.
 constexpr int kAhead = 12;
+// `backward` jumps from tile row to tile row, which the processor does not foresee. So it asks much earlier.
+constexpr int kAheadOfJumps = 64;
+// Into this cache. What is asked for so early has no room in the first one.
+constexpr int kFirstCache = 3, kSecondCache = 2;
 
-template <int kCount, typename Scalar>
+template <int kCount, int kCache, typename Scalar>
 SOFTHAND_INLINE void prefetch(const Scalar* at) {
   constexpr int kCacheLine = 64 / static_cast<int>(sizeof(Scalar));
-  for (int i = 0; i < kCount; i += kCacheLine) __builtin_prefetch(at + i);
+  for (int i = 0; i < kCount; i += kCacheLine) __builtin_prefetch(at + i, 0, kCache);
 }
 
 template <typename Scalar>
@@ -34,7 +38,7 @@ void forward(const CholeskyPlan& plan, const Scalar* panels, const Scalar* inver
       Vector sum[2][S::kParts] = {};
       std::int32_t p = 0;
       for (; p + 2 <= depth; p += 2) {
-        prefetch<2 * kTile>(tile + p * kTile + kAhead * kTile * kTile);
+        prefetch<2 * kTile, kFirstCache>(tile + p * kTile + kAhead * kTile * kTile);
         for (int half = 0; half < 2; ++half) {
           for (int k = 0; k < S::kParts; ++k)
             sum[half][k] += vector_at(tile + (p + half) * kTile + k * S::kWidth) * pivot[p + half];
@@ -113,10 +117,10 @@ class BackwardTiles {
   BackwardTiles(const CholeskyPlan& plan, const Scalar* panels)
       : plan_(plan), panels_(panels), front_(plan.front_count) {
     next_front();
-    for (int k = 0; k < kAhead; ++k) next();
+    for (int k = 0; k < kAheadOfJumps; ++k) next();
   }
   SOFTHAND_INLINE void next() {
-    prefetch<kTile * kTile>(tile_);
+    prefetch<kTile * kTile, kSecondCache>(tile_);
     tile_ += step_;
     if (tile_ < end_) return;
     if (column_ > 0) {

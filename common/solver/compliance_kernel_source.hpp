@@ -9,12 +9,16 @@ void subtract_products(const Scalar* a, const Scalar* b, std::int32_t rows, Scal
   multiply<Scalar, true>(a, 0, 1, b, rows, sums, 0, kTile);
 }
 
+// V of a large mesh is larger than the second-level cache. Its rows are read one after another, tile after tile.
+constexpr int kRowsAhead = 128;
+
 template <typename Scalar>
 void add_transposed(const Scalar* a, const Scalar* x, std::int32_t rows, Scalar* sums) {
   using S = Shape<Scalar>;
   // Two sums, because an addition waits for the one before.
   typename S::Vector sum[2][S::kParts] = {};
   for (std::int32_t r = 0; r < rows; ++r) {
+    prefetch<kTile, kSecondCache>(a + (r + kRowsAhead) * kTile);
     for (int k = 0; k < S::kParts; ++k) sum[r % 2][k] += vector_at(a + r * kTile + k * S::kWidth) * x[r];
   }
   for (int k = 0; k < S::kParts; ++k) vector_at(sums + k * S::kWidth) += sum[0][k] + sum[1][k];
@@ -25,6 +29,7 @@ void add_columns(const Scalar* a, const Scalar* factors, std::int32_t rows, Scal
   using S = Shape<Scalar>;
   using Vector = typename S::Vector;
   const auto product = [&](std::int32_t r) {
+    prefetch<kTile, kSecondCache>(a + (r + kRowsAhead) * kTile);
     Vector sum = vector_at(a + r * kTile) * vector_at(factors);
     for (int k = 1; k < S::kParts; ++k)
       sum += vector_at(a + r * kTile + k * S::kWidth) * vector_at(factors + k * S::kWidth);
