@@ -12,7 +12,7 @@
 
 namespace softhand {
 
-/// The plane of a triangle of the skin.
+/// The plane of a triangle of the skin. Its corners are counter-clockwise, seen from outside. Lengths in m.
 struct SkinPlane {
   Vector3 middle;                                   ///< mean of the corners, world, m
   Vector3 n;                                        ///< outward normal, world
@@ -27,7 +27,7 @@ struct SkinPlane {
     n = across / twice_area;
   }
 
-  /// Barycentric weights of the projection of `place`.
+  /// Barycentric weights of the projection of `place` (world, m). Their sum is 1. Outside the triangle one is negative.
   Vector3 weights(const Vector3& place) const {
     const Vector3 from_middle = place - middle;
     Vector3 result;

@@ -14,7 +14,8 @@ constexpr double kSlack = 1e-4;   // m; patches and points that come so near are
 constexpr double kRoom = 1e-3;    // m; so far nodes may move before the near patches are listed again
 constexpr double kEdge = 1e-6;    // relative; a place this far outside a triangle is still on it
 constexpr double kFacing = 0.25;  // cosine between the normals of skin that faces a triangle, with the opposite sign
-// Squared heights whose ratio is larger than this differ, whatever the rounding.
+// Squared heights whose ratio is larger than this differ, whatever the rounding. So the cheap test of a height leaves
+// out no triangle that the exact one accepts.
 constexpr double kClearlyFarther = 1 + 1e-6;
 constexpr int kMostHops = 8;  // of an anchor from triangle to triangle
 

@@ -7,9 +7,10 @@ namespace {
 // The solves read each tile of the factor once. Those of a large mesh wait for memory, so they ask for a tile this many
 // tiles before they read it.
 constexpr int kAhead = 12;
-// `backward` jumps from tile row to tile row, which the processor does not foresee. So it asks much earlier.
+// `backward` jumps from tile row to tile row, which the hardware prefetcher does not follow. So it prefetches much
+// earlier.
 constexpr int kAheadOfJumps = 64;
-// Into this cache. What is asked for so early has no room in the first one.
+// Locality arguments of __builtin_prefetch. The first-level cache has no room for what is prefetched so early.
 constexpr int kFirstCache = 3, kSecondCache = 2;
 
 template <int kCount, int kCache, typename Scalar>

@@ -9,7 +9,8 @@ void subtract_products(const Scalar* a, const Scalar* b, std::int32_t rows, Scal
   multiply<Scalar, true>(a, 0, 1, b, rows, sums, 0, kTile);
 }
 
-// V of a large mesh is larger than the second-level cache. Its rows are read one after another, tile after tile.
+// V of a large mesh is larger than the second-level cache. Its rows are read one after another, tile after tile. They
+// are prefetched so many rows ahead, also across the end of a tile.
 constexpr int kRowsAhead = 128;
 
 template <typename Scalar>
